@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import json
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -18,12 +17,12 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.config.case import Case
+from simgap.config.gap import LipschitzSection
 from simgap.config.simulator import Damping
 from simgap.gap.fitting.acceptance import check_fresh
 from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.sampling.points import draw, product
 from simgap.gap.sampling.samples import GapSamples
-from simgap.gap.settings import GapSettings
 from simgap.geometry import Grid
 from simgap.plants.context import Context
 from simgap.plants.plant_model import PlantModel
@@ -76,7 +75,7 @@ def main() -> None:
     grid, inputs = Grid.covering(context.box, given.eps), context.input_set
     pairs = product(grid.centres(), inputs)
     x, u = draw(context.box, inputs, given.fresh, context.case.gap.seed)
-    settings = replace(GapSettings.of(context.case.gap), extreme_value=False)
+    settings = context.case.gap.model_copy(update={"lipschitz": LipschitzSection(extreme_value=False)})
 
     @cache
     def ends(name: str) -> tuple[Floats, Floats]:

@@ -82,22 +82,10 @@ MUTANTS: list[Mutant] = [
             "return lo - (abs(lo) * _LIBM + _TINY), hi + (abs(hi) * _LIBM + _TINY)",
             "return lo, hi",
         ),
-        (
-            "a sine misses its top",
-            "if _holds(a, 0.5 * _PI):\n        hi = 1.0",
-            "if _holds(a, 1.5 * _PI):\n        hi = 1.0",
-        ),
-        (
-            "a sine misses its bottom",
-            "if _holds(a, -0.5 * _PI):\n        lo = -1.0",
-            "if _holds(a, 0.5 * _PI):\n        lo = -1.0",
-        ),
-        ("a cosine misses its top", "if _holds(a, 0.0):\n        hi = 1.0", "if _holds(a, _PI):\n        hi = 1.0"),
-        (
-            "a cosine misses its bottom",
-            "if _holds(a, _PI):\n        lo = -1.0",
-            "if _holds(a, 0.0):\n        lo = -1.0",
-        ),
+        ("a sine misses its top", "-0.5 * _PI, 0.5 * _PI)", "-0.5 * _PI, 1.5 * _PI)"),
+        ("a sine misses its bottom", "-0.5 * _PI, 0.5 * _PI)", "0.5 * _PI, 0.5 * _PI)"),
+        ("a cosine misses its top", "_PI, 0.0)", "_PI, _PI)"),
+        ("a cosine misses its bottom", "_PI, 0.0)", "0.0, 0.0)"),
         ("sin(x)/x is not negative enough", "return -0.2173,", "return -0.21,"),
         ("a tangent misses one pole", "_holds(a, 0.5 * _PI) or ", ""),
         ("a size forgets the negative end", "return 0.0, max(-a[0], a[1])", "return 0.0, a[1]"),
@@ -412,7 +400,7 @@ MUTANTS: list[Mutant] = [
         ("slopes look ahead alone", "return np.maximum(np.abs(ahead), np.abs(behind))", "return np.abs(ahead)"),
     ),
     *_of(
-        "gap/lipschitz/result.py",
+        "gap/lipschitz/grid.py",
         BOUNDS,
         (
             "the first end of a range decides its slopes",
@@ -430,7 +418,7 @@ MUTANTS: list[Mutant] = [
         ),
     ),
     *_of(
-        "gap/sampling/samples.py",
+        "gap/sampling/borders.py",
         RANGES,
         (
             "the upper side covers the lower end",
@@ -458,12 +446,12 @@ MUTANTS: list[Mutant] = [
         ),
     ),
     *_of(
-        "gap/fitting/envelope.py",
+        "gap/fitting/cell_fit.py",
         BOUNDS,
         (
             "an envelope's upper side starts from the lower end",
-            "upper = samples.ends[-1].take(flat) + numerical",
-            "upper = samples.d.take(flat) + numerical",
+            "upper = samples.ends[-1][flat] + numerical",
+            "upper = samples.d[flat] + numerical",
         ),
     ),
     *_of(

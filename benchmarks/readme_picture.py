@@ -22,7 +22,7 @@ import simgap
 from simgap.io.figure_style import COLOURS
 from simgap.io.traces import Trace, split
 from simgap.savitzky_golay import savgol_filter
-from simgap.simulators.build import make_simulator
+from simgap.simulators.rollouts import make_simulator
 
 ROOT = Path(__file__).parents[1]
 GREY, BEFORE, AFTER = "#3A3F47", "#D55E00", "#0072B2"

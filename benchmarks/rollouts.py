@@ -15,7 +15,7 @@ import numpy as np
 import pybullet as p
 
 from simgap.config.load import load_case
-from simgap.simulators.build import make_simulator
+from simgap.simulators.rollouts import make_simulator
 
 ROOT = Path(__file__).parents[1]
 

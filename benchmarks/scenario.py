@@ -16,8 +16,7 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.gap.bounds.basis import Basis
-from simgap.gap.fitting.design import Design
-from simgap.gap.fitting.scenario import ScenarioResult, solve_scenario
+from simgap.gap.fitting.scenario import Design, ScenarioResult, solve_scenario
 from simgap.geometry import Box, Grid
 
 PAPER = ("x1^2", "x2^2", "x1*x2", "x1", "x2", "u", "1")

@@ -24,7 +24,7 @@ RESULT = ROOT / "benchmarks" / "results" / "synthesis.json"
 GAP = ROOT / "results" / "turtlebot" / "gap" / "hidden-state" / "gap.json"
 GOALS = {  # CPU s of a warm run
     "(a) pendulum 1600 x 800 x 25": 0.12,
-    "(b) unicycle 0.1, 441 inputs, bit_rows, all inputs": 0.8,
+    "(b) unicycle 0.1, 441 inputs, bit_rows": 0.8,
     "robot, with the gap, 9 classes": 10.0,
 }
 
@@ -32,7 +32,7 @@ SCOTS_SECONDS = {  # whole process of SCOTS v0.2, -O3, measured on such a machin
     "SCOTS's dcdc": 0.25,
     "SCOTS's vehicle": 2.2,
     "(a) pendulum 1600 x 800 x 25": 5.5,
-    "(b) unicycle 0.1, 121 inputs, bit_rows, values only": 30.7,
+    "(b) unicycle 0.1, 121 inputs, bit_rows": 30.7,
 }
 SCOTS_CONVERTER = 593_089, 893_803  # winning cells and pairs that it finds; of the vehicle 48,018 without the target
 CONVERTER = {  # the same grid as a case; what a box of cells may reach is then found by simgap, rounded outward
@@ -91,7 +91,7 @@ def _pinned_pendulum(number: int) -> dict[str, object]:
     return _timed(f"(a) pendulum {cells[0]} x {cells[1]} x 25", run)
 
 
-def _pinned_unicycle(number: int, backend: str, masks: bool) -> dict[str, object]:
+def _pinned_unicycle(number: int, backend: str) -> dict[str, object]:
     from pinned_problems import UNICYCLE, unicycle
 
     from simgap.synthesis.games.reach import reach_avoid
@@ -99,15 +99,14 @@ def _pinned_unicycle(number: int, backend: str, masks: bool) -> dict[str, object
     row = list(UNICYCLE)[number]
 
     def run() -> dict[str, object]:
-        found = reach_avoid(*unicycle(*row), backend=backend, masks=masks)
+        found = reach_avoid(*unicycle(*row), backend=backend)
         counts = int(found.winning.sum()), found.steps
         return {"winning": counts[0], "steps": counts[1], "exact": counts == UNICYCLE[row]}
 
-    what = "all inputs" if masks else "values only"
-    return _timed(f"(b) unicycle {row[0]}, {row[1] ** 2} inputs, {backend}, {what}", run)
+    return _timed(f"(b) unicycle {row[0]}, {row[1] ** 2} inputs, {backend}", run)
 
 
-def _hundred_million(one: bool) -> dict[str, object]:
+def _hundred_million() -> dict[str, object]:
     from pinned_problems import LAYERS, unicycle
 
     from simgap.synthesis.controller import least_effort
@@ -115,15 +114,14 @@ def _hundred_million(one: bool) -> dict[str, object]:
 
     LAYERS[0.019] = 375
     problem = unicycle(0.019, 21, (9.0, 9.5))
-    order = least_effort(problem[0].inputs) if one else None
+    order = least_effort(problem[0].inputs)
 
     def run() -> dict[str, object]:
-        found = reach_avoid(*problem, backend="bit_rows", masks=False, order=order)
-        facts = {"with_input": int((found.chosen >= 0).sum())} if one else {}
-        winning = int(found.winning.sum())
-        return {"cells": problem[0].grid.size, "winning": winning, "steps": found.steps, **facts}
+        found = reach_avoid(*problem, backend="bit_rows", order=order)
+        winning, chosen = int(found.winning.sum()), int((found.chosen >= 0).sum())
+        return {"cells": problem[0].grid.size, "winning": winning, "steps": found.steps, "with_input": chosen}
 
-    return _timed(f"unicycle 0.019, 441 inputs, bit_rows, {'one input' if one else 'values only'}", run)
+    return _timed("unicycle 0.019, 441 inputs, bit_rows, one input", run)
 
 
 def _scots(name: str) -> dict[str, object]:
@@ -206,7 +204,7 @@ def _product(gap_kind: str, threads: int) -> dict[str, object]:
     return _timed(f"pendulum 800 x 800 x 25, {gap_kind}, {threads} threads", run)
 
 
-def _many_inputs(masks: bool) -> dict[str, object]:
+def _many_inputs() -> dict[str, object]:
     from pinned_problems import unicycle
 
     from simgap.synthesis.games.reach import reach_avoid
@@ -214,10 +212,10 @@ def _many_inputs(masks: bool) -> dict[str, object]:
     problem = unicycle(0.1, 84, (9.0, 9.5))
 
     def run() -> dict[str, object]:
-        found = reach_avoid(*problem, backend="bit_rows", masks=masks)
+        found = reach_avoid(*problem, backend="bit_rows")
         return {"winning": int(found.winning.sum()), "steps": found.steps}
 
-    return _timed(f"(b) unicycle 0.1, 7056 inputs, bit_rows, {'all inputs' if masks else 'values only'}", run)
+    return _timed("(b) unicycle 0.1, 7056 inputs, bit_rows", run)
 
 
 def _robot(gap: bool) -> dict[str, object]:
@@ -239,14 +237,11 @@ def _robot(gap: bool) -> dict[str, object]:
 
 JOBS = [
     *([("_robot", False), ("_robot", True)] if GAP.is_file() else []),
-    ("_many_inputs", False),
-    ("_many_inputs", True),
+    ("_many_inputs",),
     *[("_pinned_pendulum", k) for k in range(4)],
-    *[("_pinned_unicycle", k, "bit_rows", False) for k in range(4)],
-    ("_pinned_unicycle", 3, "bit_rows", True),
-    *[("_pinned_unicycle", k, "table", False) for k in (0, 1)],
-    ("_hundred_million", False),
-    ("_hundred_million", True),
+    *[("_pinned_unicycle", k, "bit_rows") for k in range(4)],
+    *[("_pinned_unicycle", k, "table") for k in (0, 1)],
+    ("_hundred_million",),
     *[("_scots", name) for name in ("dcdc", "vehicle", "aircraft")],
     ("_command",),
     *[("_product", gap, threads) for gap in ("nominal", "constant gap", "gap in x and u") for threads in (1, 2)],

@@ -228,12 +228,12 @@ CHANGES: tuple[Change, ...] = (
 
 def cart() -> Any:
     """A cart with drag on a rail with a post at its left, that is to come to rest at its right; its bound is proven."""
+    from simgap.config.gap import GapSection, LipschitzSection
     from simgap.extras.certify import Certified, Reached
     from simgap.gap.bases import Expressions
     from simgap.gap.bounds.closed_form import ClosedFormGap
     from simgap.gap.fitting.fit import fit_gap
     from simgap.gap.sampling.samples import GapSamples
-    from simgap.gap.settings import GapSettings
     from simgap.geometry import Box, Grid
     from simgap.model.expressions import parse
     from simgap.model.sampled import NominalModel
@@ -252,7 +252,7 @@ def cart() -> Any:
     d = (simulator.step(at, chosen) - model.step(at, chosen)).reshape(grid.size, 5, 2)
     samples = GapSamples(grid, inputs, d, ("x", "v"), ("u",), known=known)
     basis = Expressions(terms=("v", "u", "1"))
-    bound = fit_gap(samples, GapSettings(basis=basis, extreme_value=False)).function
+    bound = fit_gap(samples, GapSection(basis=basis, lipschitz=LipschitzSection(extreme_value=False))).function
     task = ReachAvoid(
         kind="reach_avoid", target={"x": (1.5, 1.9), "v": (-0.3, 0.3)}, obstacles=({"x": (0.1, 0.2)},),
         clearance={"x": 0.02},

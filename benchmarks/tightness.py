@@ -21,6 +21,7 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.config.case import Case
+from simgap.config.gap import GapSection, LipschitzSection
 from simgap.errors import SimgapError, UserError
 from simgap.gap.bases import Blocks, Expressions
 from simgap.gap.fitting.acceptance import check_fresh
@@ -28,7 +29,6 @@ from simgap.gap.fitting.bound_fit import GapResult
 from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.sampling.points import draw, product
 from simgap.gap.sampling.samples import GapSamples
-from simgap.gap.settings import GapSettings
 from simgap.geometry import Grid
 from simgap.plants.context import Context
 from simgap.simulators.process import run_in_processes
@@ -44,21 +44,21 @@ DEFAULT, CONSTANT = "signed, lexicographic, inflate", "unsigned constant"
 INERTIAS = {"declared inertia": "file", "default inertia": "engine"}
 
 
-def variants(terms: tuple[str, ...]) -> dict[str, GapSettings]:
+def variants(terms: tuple[str, ...]) -> dict[str, GapSection]:
     """What is compared, by name; the last word of the names of the first twelve is the padding."""
-    base = GapSettings(Expressions(terms=terms), extreme_value=False)
+    base = GapSection(basis=Expressions(terms=terms), lipschitz=LipschitzSection(extreme_value=False))
     found = {}
     for sides in ("unsigned", "signed"):
         for objective in ("eta", "lexicographic"):
             for padding in ("paper", "per_axis", "inflate"):
                 name = f"{sides}, {objective}, {padding}"
-                found[name] = replace(base, sides=sides, objective=objective, padding=padding)
-    found["unsigned constant"] = replace(base, sides="unsigned", bound="constant")
-    found["signed constant"] = replace(base, bound="constant")
-    found["signed with x1^3"] = replace(base, basis=Expressions(terms=CUBIC))
-    found["signed with x1^3, x2^3, x2^5"] = replace(base, basis=Expressions(terms=DAMPED))
-    found["blocks 16 x 16 x inputs"] = replace(base, basis=Blocks(blocks=(16, 16)))
-    found["envelope"] = replace(base, bound="envelope")
+                found[name] = base.model_copy(update={"sides": sides, "objective": objective, "padding": padding})
+    found["unsigned constant"] = base.model_copy(update={"sides": "unsigned", "bound": "constant"})
+    found["signed constant"] = base.model_copy(update={"bound": "constant"})
+    found["signed with x1^3"] = base.model_copy(update={"basis": Expressions(terms=CUBIC)})
+    found["signed with x1^3, x2^3, x2^5"] = base.model_copy(update={"basis": Expressions(terms=DAMPED)})
+    found["blocks 16 x 16 x inputs"] = base.model_copy(update={"basis": Blocks(blocks=(16, 16))})
+    found["envelope"] = base.model_copy(update={"bound": "envelope"})
     return found
 
 
@@ -87,7 +87,7 @@ def cpu_seconds() -> float:
 
 
 def row_of(
-    context: Context, samples: GapSamples, fresh: tuple[Floats, Floats, Floats], settings: GapSettings, workers: int
+    context: Context, samples: GapSamples, fresh: tuple[Floats, Floats, Floats], settings: GapSection, workers: int
 ) -> dict[str, Any]:
     """One row of the table."""
     began = time.process_time()

@@ -26,11 +26,10 @@ from simgap.gap.bounds.basis import Basis
 from simgap.gap.bounds.body_frame import BodyFrameGap, nominal_motion
 from simgap.gap.bounds.load import from_json
 from simgap.gap.fitting.acceptance import check_fresh
-from simgap.gap.fitting.design import Design
-from simgap.gap.fitting.scenario import solve_scenario
+from simgap.gap.fitting.scenario import Design, solve_scenario
 from simgap.gap.memory.hidden_state import hull
-from simgap.gap.sampling.gap_samples import steps_of
 from simgap.gap.sampling.points import AFTER_PREVIOUS, body_samples
+from simgap.gap.sampling.samples import steps_of
 from simgap.io.documents import read_json
 from simgap.plants.context import Context, pose_axes
 from simgap.stages.gap_inputs import read_samples

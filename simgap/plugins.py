@@ -94,7 +94,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
 
 DOORS: Mapping[str, str] = MappingProxyType(
     {
-        "engines": "simgap.simulators.build",
+        "engines": "simgap.simulators.rollouts",
         "bases": "simgap.gap.fitting.linear_fit",
         "effects": "simgap.effects",
         "specifications": "simgap.specifications.base",

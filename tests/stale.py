@@ -24,7 +24,7 @@ SLOW = {
         "test_arms", "test_change", "test_encoder", "test_experiment", "test_measured_records", "test_push",
         "test_recording_faults",
     ],
-    "gap": ["test_grain"],
+    "gap": ["test_staircase"],
     "installation": ["*"],
     "io": ["test_full_disk", "test_hostile_input"],
     "simulators": ["test_drake_joints", "test_mjcf", "test_mujoco_wheeled"],

@@ -44,7 +44,7 @@ def used(case, stage):
 
 def test_code_that_a_stage_reaches():
     assert "games/invariance" in reached("synthesis")
-    assert "simulators/build" in reached("rollouts")  # imported late, inside a function
+    assert "simulators/supervision" in reached("rollouts")
     elsewhere = ("games/", "abstraction/", "synthesis/", "diagnosis/", "lipschitz/", "fitting/")
     assert not any(name.startswith(elsewhere) for name in reached("rollouts"))
     where_it_is_asked = {

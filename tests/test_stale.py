@@ -12,7 +12,7 @@ from tests import stale
         ("cli/test_tutorial.py", {"docs/tutorials/robot.md", "docs/tutorial/swings.csv"}),
         ("cli/test_notebook.py", {"docs/tutorials/notebook.ipynb"}),
         ("workflow/test_slurm.py", {"rules/gap.smk", "profiles/slurm/config.yaml"}),
-        ("gap/test_grain.py", {"uv.lock", "pyproject.toml", "tests/conftest.py", "configs/cases/pendulum.yaml"}),
+        ("gap/test_staircase.py", {"uv.lock", "pyproject.toml", "tests/conftest.py", "configs/cases/pendulum.yaml"}),
     ],
 )
 def test_a_slow_test_is_stale_when_a_file_that_it_rests_on_has_changed(monkeypatch, file, rests_on):

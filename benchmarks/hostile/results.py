@@ -57,9 +57,8 @@ def _gaps() -> tuple[str, ...]:
     from simgap.gap.bounds.basis import Basis, make_form
     from simgap.gap.bounds.body_frame import BodyFrameGap
     from simgap.gap.bounds.cells import CellGap
-    from simgap.gap.bounds.function import GapDomain
+    from simgap.gap.bounds.function import GapDomain, Tier
     from simgap.gap.bounds.linear import LinearGap
-    from simgap.gap.bounds.tiers import Tier
     from simgap.geometry import Box
 
     box, inputs, tiers = Box([-1.0, -2.0], [1.0, 2.0]), np.array([[-1.0], [0.0], [1.0]]), (Tier(1, "It holds."),)

@@ -17,8 +17,8 @@ from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapFunction
 from simgap.gap.memory.hidden_state import InputGrid
 from simgap.gap.memory.search import Histories, directed_search
-from simgap.gap.sampling.gap_samples import motion_of
 from simgap.gap.sampling.points import SEQUENCE, Columns, body_samples
+from simgap.gap.sampling.samples import motion_of
 from simgap.plants.context import Context, pose_axes
 from simgap.simulators.base import PathSimulator, Simulator
 from simgap.simulators.body_samples import REST, BodySamples

@@ -17,8 +17,7 @@ import numpy as np
 from simgap.arrays import Floats, Ints
 from simgap.attack.share import Searched, Step, share
 from simgap.gap.bounds.function import GapDomain, GapFunction
-from simgap.gap.sampling.border_samples import switching_surfaces
-from simgap.gap.sampling.borders import critical_points
+from simgap.gap.sampling.borders import critical_points, switching_surfaces
 from simgap.gap.sampling.points import Columns, stacked, successors
 from simgap.geometry import Box
 from simgap.plants.context import Context

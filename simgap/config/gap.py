@@ -1,6 +1,6 @@
 """The sections `grid`, `gap`, `symmetry` and `hidden_state`: where the gap is sampled, and how it is bounded.
 
-The built-in bases of `gap.basis` are in `simgap/gap/kinds`, one a file.
+The built-in bases of `gap.basis` are in `simgap/gap/bases.py`.
 """
 
 from __future__ import annotations
@@ -214,6 +214,11 @@ class GapSection(Section):
     lipschitz: LipschitzSection = Field(LipschitzSection(), description="How Lipschitz constants are estimated.")
     conformal: ConformalSection = Field(ConformalSection(), description="Options of the conformal bound.")
     seed: int = Field(1, ge=0, description="Of the fresh samples and of everything random in the fit.")
+
+    @property
+    def signed(self) -> bool:
+        """True if the two sides are fitted separately."""
+        return self.sides == "signed"
 
     @model_validator(mode="after")
     def _conformal_is_tolerated(self) -> GapSection:

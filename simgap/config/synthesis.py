@@ -13,7 +13,7 @@ from simgap.config.plugged import Plugged
 class SynthesisSection(Section):
     """Cells of the abstraction and the specification."""
 
-    OPTIONAL = ("record", "layers")
+    OPTIONAL = ("record",)
 
     cells: tuple[Annotated[int, Field(ge=1)], ...] = Field(
         min_length=1, max_length=4, description="Cells per state, in order, over the safe set or the arena."
@@ -32,13 +32,6 @@ class SynthesisSection(Section):
         "that `least_effort` picks, two bytes: for very many cells and inputs, where something is to be reached. What "
         "it applies is the same; the audit, the margins and a certificate are then about that one input.",
     )
-    layers: int = Field(
-        1, ge=1, le=8,
-        description="Sizes of cells by which a set to be held is found, the largest of 2^(layers - 1) cells a side: "
-        "large ones are split only where they do not decide. The result is that of one layer, bit for bit; from three "
-        "states on 3 is several times faster. For perfect measurements, states that do not wrap, and a gap that "
-        "depends on few states.",
-    )  # fmt: skip
     rule: Literal["least_effort", "middle"] = Field(
         "least_effort", description="Which of the admissible inputs the controller applies."
     )

@@ -20,8 +20,8 @@ from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.closed_form import ClosedFormGap
 from simgap.gap.bounds.function import GapFunction
 from simgap.gap.bounds.linear import LinearGap
-from simgap.gap.sampling.gap_samples import known_gap
 from simgap.gap.sampling.points import own_point, remembers
+from simgap.gap.sampling.samples import known_gap
 from simgap.geometry import Box
 from simgap.io.atomic import atomic
 from simgap.io.controller_file import load_controller_of

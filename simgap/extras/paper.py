@@ -16,9 +16,8 @@ from simgap.arrays import Floats
 from simgap.config.load import load_case, read_yaml
 from simgap.errors import UserError
 from simgap.gap.bounds.basis import Basis, Form, make_form, negated, supremum
-from simgap.gap.bounds.function import GapDomain
+from simgap.gap.bounds.function import GapDomain, Tier
 from simgap.gap.bounds.linear import LinearGap
-from simgap.gap.bounds.tiers import Tier
 from simgap.gap.sampling.points import product
 from simgap.geometry import Box, Grid
 from simgap.io.documents import write_json

@@ -14,7 +14,7 @@ class JsonRecord:
     """A dataclass with `to_json` and `from_json`; class keywords are constants, such as `kind`, that it writes first.
 
     Fields are numbers, text, arrays, records, or tuples, mappings and optional values of these. `names` gives the keys
-    of fields that are called otherwise in the file.
+    of fields that are called otherwise in the file; one of `repr=False` has a default and is not written.
     """
 
     _first: ClassVar[Mapping[str, str]] = {}
@@ -36,7 +36,7 @@ class JsonRecord:
 
     @classmethod
     def _keys(cls) -> dict[str, str]:
-        return {f.name: cls._names.get(f.name, f.name) for f in fields(cls)}  # type: ignore[arg-type]
+        return {f.name: cls._names.get(f.name, f.name) for f in fields(cls) if f.repr}  # type: ignore[arg-type]
 
 
 def _plain(value: Any) -> Any:

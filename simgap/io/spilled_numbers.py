@@ -41,15 +41,12 @@ class Stored(Kept):
         """(N, M)."""
         return self.count
 
-    def rows(self, first: int, last: int) -> Floats:
-        """See `Values`."""
+    def __getitem__(self, rows: slice | Rows) -> Floats:
         width = self.count[1]
-        self._file.seek(first * width * _BYTES)
-        return np.fromfile(self._file, np.float64, (last - first) * width).reshape(last - first, width)
-
-    def take(self, index: Rows) -> Floats:
-        """See `Values`."""
-        return np.concatenate([self.rows(k, k + 1) for k in index]) if len(index) else np.empty((0, self.count[1]))
+        if not isinstance(rows, slice):
+            return np.concatenate([self[k : k + 1] for k in rows]) if len(rows) else np.empty((0, width))
+        self._file.seek(rows.start * width * _BYTES)
+        return np.fromfile(self._file, np.float64, (rows.stop - rows.start) * width).reshape(-1, width)
 
     def put(self, first: int, rows: Floats) -> None:
         """See `Kept`."""

@@ -15,7 +15,7 @@ from simgap.lint.equations import LONGEST_RULE
 from simgap.model.symbolic import symbol
 from simgap.plants.context import Context
 from simgap.plants.model_file import FileJoint
-from simgap.simulators.build import closed_form
+from simgap.simulators.rollouts import closed_form
 
 ROUND, LEAST, LARGE = 5.0, 10.0, 100.0
 """Of what both ends of an angle are multiples when they are degrees, from which size on that says something (a turn and

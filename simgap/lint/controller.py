@@ -13,7 +13,6 @@ from simgap.specifications.base import path_aware_baseline, specification_of
 from simgap.specifications.space import Space
 from simgap.synthesis.abstraction.intersample import Flow, enough, excursion, flow_of
 from simgap.synthesis.games.game import one_input_only
-from simgap.synthesis.games.layered import no_layers
 
 
 def refuse_specification(context: Context) -> None:
@@ -37,26 +36,16 @@ def refuse_specification(context: Context) -> None:
     late = case.sensing is not None and case.sensing.latency > 0
     blurred = late or (case.sensing is not None and any(case.sensing.error.values()))
     remembered = bool(case.hidden_state is not None and case.hidden_state.classes)
-    before = (remembered, "a controller that remembers the input before")
     if section.record == "one":
         for stands, what in (
             (specification.holds, "a set that is to be held"),
             (section.rule != "least_effort", f"the rule `{section.rule}`"),
             (late, "a controller that remembers the input under way"),
             (blurred and specification.on_true_cells, "cells of the true state"),
-            before,
+            (remembered, "a controller that remembers the input before"),
         ):
             if stands:
                 raise one_input_only(what)
-    if section.layers > 1:
-        for stands, what in (
-            (not specification.holds, "what is to be reached"),
-            (blurred, "a late measurement, or one with an error"),
-            before,
-            (bool(context.periodic), "states that wrap"),
-        ):
-            if stands:
-                raise no_layers(what)
 
 
 def refuse_free_path(context: Context) -> None:

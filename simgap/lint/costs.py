@@ -13,8 +13,7 @@ from dataclasses import dataclass
 from simgap.config.case import Case
 from simgap.config.validation import AuditSection
 from simgap.errors import UserError
-from simgap.gap.sampling.border_samples import checked_at_most
-from simgap.gap.sampling.borders import thinned_count
+from simgap.gap.sampling.borders import checked_at_most, thinned_count
 from simgap.gap.sampling.points import covering_grid, covering_point, free_axes, own_point
 from simgap.gap.thresholds import CHECK_LEVELS, MOST_BORDER_STATES
 from simgap.geometry import Box, Grid

@@ -51,14 +51,14 @@ def _asked(
     case: Case, folder: Path, x: Any, u: Any
 ) -> tuple[Mapping[str, Link], float, list[Finding] | None, list[Drive]]:
     """As `ask_engine`, what the engine says of a file in its own format, and how a wheeled robot drives."""
-    from simgap.simulators.build import findings
+    from simgap.simulators.rollouts import findings
 
     return *ask_engine(case, folder, x, u), findings(case, folder), drives(case, folder)
 
 
 def ask_engine(case: Case, folder: Path, x: Any, u: Any) -> tuple[Mapping[str, Link], float]:
     """In the engine's process: its links, and the seconds of a roll-out from states (n, nx) under inputs (n, nu)."""
-    from simgap.simulators.build import make_simulator
+    from simgap.simulators.rollouts import make_simulator
 
     simulator = make_simulator(case, folder)
     try:

@@ -12,7 +12,7 @@ from simgap.arrays import Floats
 from simgap.errors import Finding, UserError
 from simgap.late import sympy as sp
 from simgap.model.dimensions import rate_mismatch
-from simgap.model.runge_kutta import RungeKutta
+from simgap.model.integrators import RungeKutta
 from simgap.model.symbolic import symbol
 from simgap.notation import pretty_unit
 from simgap.plants.context import Context

@@ -14,7 +14,7 @@ from simgap.errors import Finding, UserError
 from simgap.io.wheeled_urdf import axle, numbers, wheels_of
 from simgap.late import scipy
 from simgap.plants.context import Context
-from simgap.plants.premise import base_of
+from simgap.plants.model_file import base_of
 from simgap.simulators.wheeled import WheeledEngine
 
 BOLTED = "plant.urdf"
@@ -230,7 +230,7 @@ def drives(case: Case, folder: Path) -> list[Drive]:
     Raises:
         UserError: as the engine's own.
     """
-    from simgap.simulators.build import make_simulator
+    from simgap.simulators.rollouts import make_simulator
 
     if case.plant.symbolic is None or case.plant.symbolic.wheels is None:
         return []  # of no wheeled robot: not even built

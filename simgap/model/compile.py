@@ -7,7 +7,7 @@ from typing import Any
 
 from simgap.errors import UserError
 from simgap.late import sympy as sp
-from simgap.model.kept import kept
+from simgap.model.kernel_cache import cached_kernel
 
 Kernel = Callable[..., Any]
 
@@ -16,7 +16,7 @@ def compile_kernel(exprs: Sequence[sp.Expr], groups: Sequence[Sequence[sp.Symbol
     """A numba function `g(a, b, ...) -> (value, ...)` of one 1-D float64 array for each group of symbols."""
     vectors = [sp.DeferredVector(f"a{k}") for k in range(len(groups))]
     values = tuple(_floating(e) for e in _indexed(exprs, groups, vectors))
-    return kept(sp.lambdify(vectors, values, modules="math", cse=True))
+    return cached_kernel(sp.lambdify(vectors, values, modules="math", cse=True))
 
 
 def compile_interval_kernel(exprs: Sequence[sp.Expr], groups: Sequence[Sequence[sp.Symbol]]) -> Kernel:
@@ -34,7 +34,7 @@ def compile_interval_kernel(exprs: Sequence[sp.Expr], groups: Sequence[Sequence[
 
     printer = IntervalPrinter({"fully_qualified_modules": False, "allow_unknown_functions": True})
     function = sp.lambdify(ends, values, modules=[PRIMITIVES], printer=printer, cse=True)
-    return kept(function)
+    return cached_kernel(function)
 
 
 def _indexed(

@@ -82,31 +82,31 @@ def _holds(a: Interval, phase: float) -> bool:
 
 
 @njit
-def isin(a: Interval) -> Interval:
-    """Sine; [-1, 1] where the argument is so wide or large that reduction is not trusted."""
+def _wave(a: Interval, p: float, q: float, least: float, largest: float) -> Interval:
+    """Range over a of a wave that is p and q at its ends, -1 at the phase `least` and 1 at `largest`.
+
+    [-1, 1] where the argument is so wide or large that reduction is not trusted.
+    """
     if not (abs(a[0]) < 1e6 and abs(a[1]) < 1e6) or a[1] - a[0] >= 2.0 * _PI:
         return -1.0, 1.0
-    p, q = math.sin(a[0]), math.sin(a[1])
     lo, hi = _widen_libm(min(p, q), max(p, q))
-    if _holds(a, -0.5 * _PI):
+    if _holds(a, least):
         lo = -1.0
-    if _holds(a, 0.5 * _PI):
+    if _holds(a, largest):
         hi = 1.0
     return max(lo, -1.0), min(hi, 1.0)
 
 
 @njit
+def isin(a: Interval) -> Interval:
+    """Sine."""
+    return _wave(a, math.sin(a[0]), math.sin(a[1]), -0.5 * _PI, 0.5 * _PI)
+
+
+@njit
 def icos(a: Interval) -> Interval:
     """Cosine."""
-    if not (abs(a[0]) < 1e6 and abs(a[1]) < 1e6) or a[1] - a[0] >= 2.0 * _PI:
-        return -1.0, 1.0
-    p, q = math.cos(a[0]), math.cos(a[1])
-    lo, hi = _widen_libm(min(p, q), max(p, q))
-    if _holds(a, _PI):
-        lo = -1.0
-    if _holds(a, 0.0):
-        hi = 1.0
-    return max(lo, -1.0), min(hi, 1.0)
+    return _wave(a, math.cos(a[0]), math.cos(a[1]), _PI, 0.0)
 
 
 @njit

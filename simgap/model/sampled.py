@@ -12,8 +12,8 @@ from simgap.arrays import Floats
 from simgap.geometry import rows
 from simgap.late import sympy as sp
 from simgap.model.compile import Kernel, compile_interval_kernel, compile_kernel
-from simgap.model.kept import kept
-from simgap.model.runge_kutta import RungeKutta
+from simgap.model.integrators import RungeKutta
+from simgap.model.kernel_cache import cached_kernel
 
 MOST_OPERATIONS = 3_000
 """Of one row of a map: above it, enclosing it on every cell takes longer than any engine would (judgement)."""
@@ -126,7 +126,7 @@ class NominalModel:
 
 @cache
 def _over_points(kernel: Kernel) -> Kernel:
-    @kept
+    @cached_kernel
     def over_points(x: Floats, u: Floats, size: int) -> Floats:
         out = np.empty((x.shape[0], size))
         for k in range(x.shape[0]):
@@ -140,7 +140,7 @@ def _over_points(kernel: Kernel) -> Kernel:
 
 @cache
 def _over_boxes(kernel: Kernel) -> Kernel:
-    @kept
+    @cached_kernel
     def over_boxes(lo: Floats, hi: Floats, u: Floats, size: int) -> tuple[Floats, Floats]:
         low, high = np.empty((lo.shape[0], size)), np.empty((lo.shape[0], size))
         for k in range(lo.shape[0]):

@@ -18,7 +18,7 @@ from simgap.config.plant import PlantSection
 from simgap.errors import BrokenPromise
 from simgap.geometry import Box
 from simgap.model.drake_system import evaluator
-from simgap.model.runge_kutta import RungeKutta
+from simgap.model.integrators import RungeKutta
 from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import SymbolicModel
 from simgap.plants.urdf import multibody_plant

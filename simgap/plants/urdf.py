@@ -110,18 +110,12 @@ def multibody_plant(path: Path, gravity: tuple[float, float, float]) -> tuple[An
     Raises:
         UserError: a file that Drake does not take, or a joint other than a hinge or a slide.
     """
-    from pydrake.multibody.parsing import Parser
     from pydrake.multibody.plant import MultibodyPlant
 
     logging.getLogger("drake").addFilter(_serious)
     plant = MultibodyPlant(0.0)
     plant.mutable_gravity_field().set_gravity_vector(list(gravity))
-    with loading("Drake", path):
-        (model,) = Parser(plant).AddModels(path)
-        root = root_link(path)
-        if root != "world":
-            plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(root, model))
-        plant.Finalize()
+    add_welded(plant, path)
     joints = sorted(
         (plant.get_joint(k) for k in plant.GetJointIndices() if plant.get_joint(k).num_velocities()),
         key=lambda joint: joint.velocity_start(),
@@ -133,6 +127,22 @@ def multibody_plant(path: Path, gravity: tuple[float, float, float]) -> tuple[An
                 remedy="Hinges (revolute, continuous) and slides (prismatic) are known.",
             )  # fmt: skip
     return plant, [j.name() for j in joints]
+
+
+def add_welded(plant: Any, path: Path) -> None:
+    """Put a model file into a `MultibodyPlant` that is not finalized, its root welded to the world, and finalize it.
+
+    Raises:
+        UserError: a file that Drake does not take.
+    """
+    from pydrake.multibody.parsing import Parser
+
+    with loading("Drake", path):
+        (model,) = Parser(plant).AddModels(path)
+        root = root_link(path)
+        if root != "world":
+            plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(root, model))
+        plant.Finalize()
 
 
 def _serious(record: logging.LogRecord) -> bool:
@@ -155,7 +165,7 @@ def _match(
 
 def _inertial_parameters(plant: Any) -> dict[str, Parameter]:
     parameters: dict[str, Parameter] = {}
-    for body in _moving(plant):
+    for body in moving_bodies(plant):
         inertia, name = body.default_spatial_inertia(), body.name()
         mass, com = inertia.get_mass(), inertia.get_com()
         tensor = inertia.CalcRotationalInertia().CopyToFullMatrix3()  # about the body frame's origin: its joint
@@ -168,7 +178,8 @@ def _inertial_parameters(plant: Any) -> dict[str, Parameter]:
     return parameters
 
 
-def _moving(plant: Any) -> list[Any]:
+def moving_bodies(plant: Any) -> list[Any]:
+    """Bodies that are not fixed to the world."""
     from pydrake.multibody.tree import BodyIndex
 
     bodies = (plant.get_body(BodyIndex(k)) for k in range(plant.num_bodies()))
@@ -211,7 +222,7 @@ def _drake_symbolic(plant: Any, order: list[str], rates: list[str]) -> tuple[sp.
 
     twin = plant.ToSymbolic()
     context = twin.CreateDefaultContext()
-    for body in _moving(plant):
+    for body in moving_bodies(plant):
         name = body.name()
         if not values[f"{name}.m"].value:
             continue  # a frame of a sensor or a tool: no mass, so no inertia either
@@ -245,7 +256,7 @@ def _named_parameters(plant: Any, kept: Mapping[str, Parameter]) -> dict[str, Na
         rule = {n: symbol(n) * ratio**power for n, power in scaling.items()}
         named[name] = NamedParameter(name, abs(kept[first].value), unit, rule)
 
-    for body in _moving(plant):
+    for body in moving_bodies(plant):
         link = body.name()
         com = [n for n in (f"{link}.c{a}" for a in _AXES) if n in kept]
         moments = [n for n in (f"{link}.{moment}" for moment in _MOMENTS) if n in kept]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from simgap.gap.bounds.tiers import PROVEN
+from simgap.gap.bounds.function import PROVEN
 from simgap.io.traces import ROBUST
 from simgap.notation import pretty_unit
 from simgap.report import adversary, tables

@@ -46,3 +46,13 @@ def joined(parts: list[BodySamples]) -> BodySamples:
         np.concatenate([p.extent for p in parts]),
         np.concatenate([p.previous for p in parts]),
     )
+
+
+def to_body(d: Floats, heading: Floats | float, pose: tuple[int, int, int] = (0, 1, 2)) -> Floats:
+    """Differences (..., 3) of the world turned into frames of the given headings, of one or (...,): R(-heading) d."""
+    i, j, _ = pose
+    cos, sin = np.cos(heading), np.sin(heading)
+    out = d.copy()
+    out[..., i] = cos * d[..., i] + sin * d[..., j]
+    out[..., j] = -sin * d[..., i] + cos * d[..., j]
+    return out

@@ -8,7 +8,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from simgap import reading
+from simgap.arrays import Floats
 from simgap.config.case import Case
 from simgap.config.plant import AddedEffect
 from simgap.effects import StaticInputEffect, effect
@@ -126,11 +129,34 @@ def _delivered(effects: Sequence[AddedEffect], name: str, drive: sp.Expr, veloci
 
 
 class JointEngine(Engine):
-    """An engine whose whole state is the positions and velocities of its joints."""
+    """An engine whose whole state is the positions and velocities of its joints, of which a subclass has primitives."""
 
     @abstractmethod
     def __init__(self, plant: JointPlant, section: Any) -> None:
-        """Load the plant with the settings of the case."""
+        """Load the plant with the settings of the case; a subclass does so after this."""
+        self.nx, self.nu = plant.nx, plant.nu
+        self._plant, self._substeps = plant, section.substeps
+        self._forces = joint_forces(plant, section.effects)
+
+    @abstractmethod
+    def _read(self) -> tuple[Sequence[float] | Floats, Sequence[float] | Floats]:
+        """Positions and velocities of the plant's joints."""
+
+    @abstractmethod
+    def _step(self, torques: Sequence[float]) -> None:
+        """One engine step under a force on each joint."""
+
+    def advance(self, u: Floats) -> Floats:
+        """Hold u (nu,) for tau, effects evaluated at every engine step: -> (nx,)."""
+        torques: Sequence[float] = [sum(u[i] for i in drive) for drive in self._plant.inputs]
+        for _ in range(self._substeps):
+            if self._forces is not None:
+                q, v = self._read()
+                torques = self._forces(*q, *v, *u)
+            self._step(torques)
+        x = np.empty(self.nx)
+        x[list(self._plant.positions)], x[list(self._plant.velocities)] = self._read()
+        return x
 
     @classmethod
     def acts_out(cls, effect: Effect) -> bool:

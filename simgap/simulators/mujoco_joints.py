@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-import numpy as np
 from pydantic import Field, model_validator
 
 from simgap.arrays import Floats
@@ -15,9 +14,10 @@ from simgap.errors import UserError
 from simgap.late import sympy as sp
 from simgap.plants.model_file import Link
 from simgap.plants.urdf_checks import check_urdf, loading
-from simgap.simulators import mjcf, mjcf_findings, mujoco_divergence
+from simgap.simulators import mjcf, mjcf_findings
 from simgap.simulators.base import FileTraits, Simulator
-from simgap.simulators.joints import JointEngine, JointPlant, joint_forces
+from simgap.simulators.joints import JointEngine, JointPlant
+from simgap.simulators.mjcf import MuJoCoModel
 
 if TYPE_CHECKING:
     from simgap.config.case import Case
@@ -55,18 +55,13 @@ class MuJoCoJoints(JointEngine):
     file_traits = FileTraits(stops=True)
 
     def __init__(self, plant: JointPlant, section: MuJoCoSettings) -> None:
-
-        mujoco = mjcf.require_mujoco()
-        self.nx, self.nu, self.engine = plant.nx, plant.nu, f"mujoco {mujoco.__version__}"
-        self._mujoco: Any = mujoco
-        self._plant, self._substeps = plant, section.substeps
-        self._forces = joint_forces(plant, section.effects)
+        super().__init__(plant, section)
         model = _of_urdf(plant, section) if section.mjcf is None else mjcf.read_mjcf(plant.file)
         model.opt.timestep = plant.tau / section.substeps
-        mujoco_divergence.keep_diverged_state(mujoco, model)
-        self._model, self._data = model, mujoco.MjData(model)
-        self._bad = mujoco_divergence.counters(mujoco, self._data)
-        joints = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name) for name in plant.joints]
+        self._run = MuJoCoModel(model)
+        self.engine = self._run.engine
+        kind = self._run.mujoco.mjtObj.mjOBJ_JOINT
+        joints = [self._run.mujoco.mj_name2id(model, kind, name) for name in plant.joints]
         if min(joints) < 0:
             raise UserError(f"not all of the joints {list(plant.joints)} are there", file=plant.file)
         self._q = [int(model.jnt_qposadr[j]) for j in joints]
@@ -95,44 +90,35 @@ class MuJoCoJoints(JointEngine):
         return mjcf_findings.switches(case, folder) if _mjcf(case) else ()
 
     def loaded(self) -> Mapping[str, Link]:
-        """See `Simulator.loaded`; links on fixed joints are part of what they are fixed to."""
-        model = self._model
-        names = [model.body(k).name for k in range(1, model.nbody)]
-        return {
-            name: Link(float(model.body_mass[k]), np.sort(model.body_inertia[k]), np.array(model.body_ipos[k]))
-            for k, name in enumerate(names, 1)
-        }
+        """See `Simulator.loaded`."""
+        return self._run.links(1)
 
     def reset(self, x: Floats) -> None:
         """Fresh data, then every joint's position and velocity: x (nx,)."""
-        self._mujoco.mj_resetData(self._model, self._data)
-        self._data.qpos[self._q] = x[list(self._plant.positions)]
-        self._data.qvel[self._v] = x[list(self._plant.velocities)]
+        self._run.reset()
+        self._run.data.qpos[self._q] = x[list(self._plant.positions)]
+        self._run.data.qvel[self._v] = x[list(self._plant.velocities)]
 
     def advance(self, u: Floats) -> Floats:
-        """Hold u (nu,) for tau, effects evaluated at every engine step: -> (nx,)."""
-        data = self._data
-        begun = data.qpos.copy(), data.qvel.copy()
-        torques: Any = [sum(u[i] for i in drive) for drive in self._plant.inputs]
-        for _ in range(self._substeps):
-            if self._forces is not None:
-                torques = self._forces(*data.qpos[self._q], *data.qvel[self._v], *u)
-            data.qfrc_applied[self._v] = torques
-            self._mujoco.mj_step(self._model, data)
-        if any(self._bad):
-            self._refuse(*begun, u)
-        x = np.empty(self.nx)
-        x[list(self._plant.positions)] = data.qpos[self._q]
-        x[list(self._plant.velocities)] = data.qvel[self._v]
+        """See `JointEngine.advance`.
+
+        Raises:
+            UserError: a motion that diverges, with the joints' positions and velocities and the inputs it began with.
+        """
+        q, v = self._read()
+        x = super().advance(u)
+        if self._run.has_diverged:
+            names = (*self._plant.joints, *(f"{name}'s velocity" for name in self._plant.joints))
+            values = map(float, (*q, *v, *u))
+            raise self._run.diverged("mujoco", zip((*names, *self._plant.input_names), values, strict=True))
         return x
 
-    def _refuse(self, q: Floats, v: Floats, u: Floats) -> None:
-        """Name the joints' positions q and velocities v, and the inputs u, from which a motion diverged."""
-        joints = self._plant.joints
-        where = [(name, float(q[k])) for name, k in zip(joints, self._q, strict=True)]
-        where += [(f"{name}'s velocity", float(v[k])) for name, k in zip(joints, self._v, strict=True)]
-        where += list(zip(self._plant.input_names, map(float, u), strict=True))
-        mujoco_divergence.refuse_divergence(self._bad, "mujoco", where)
+    def _read(self) -> tuple[Floats, Floats]:
+        return self._run.data.qpos[self._q], self._run.data.qvel[self._v]
+
+    def _step(self, torques: Sequence[float]) -> None:
+        self._run.data.qfrc_applied[self._v] = torques
+        self._run.step()
 
 
 def _mjcf(case: Case) -> bool:

@@ -19,8 +19,8 @@ from simgap.arrays import Floats
 from simgap.errors import UserError, excerpt
 from simgap.plants.model_file import Link
 from simgap.plants.urdf_checks import loading, root_link
-from simgap.simulators import mjcf, mujoco_divergence
 from simgap.simulators.commands import CommandPath
+from simgap.simulators.mjcf import MuJoCoModel, require_mujoco
 from simgap.simulators.wheeled import WheeledEngine, WheeledPlant, WheeledSettings
 
 IMPRATIO = 10.0
@@ -43,15 +43,10 @@ class MuJoCoWheeled(WheeledEngine):
     distributions = ("mujoco",)
 
     def __init__(self, plant: WheeledPlant, section: MuJoCoWheeledSettings, paths: Sequence[CommandPath] = ()) -> None:
-        mujoco = mjcf.require_mujoco()
         super().__init__(plant, section, paths)
-        self._section = section
-        self.engine, self._mujoco = f"mujoco {mujoco.__version__}", mujoco
-        self._model = model_of(plant, section)
-        mujoco_divergence.keep_diverged_state(mujoco, self._model)
-        self._data = mujoco.MjData(self._model)
-        self._bad = mujoco_divergence.counters(mujoco, self._data)
-        joints = [self._model.joint(name) for name in (section.left, section.right)]
+        self._run = MuJoCoModel(model_of(plant, section))
+        self.engine = self._run.engine
+        joints = [self._run.model.joint(name) for name in (section.left, section.right)]
         self._turning = [int(j.qposadr[0]) for j in joints]
         self._rates = [int(j.dofadr[0]) for j in joints]
         self._settle()
@@ -59,82 +54,56 @@ class MuJoCoWheeled(WheeledEngine):
 
     def _settle(self) -> None:
         """Let the robot stand until its contacts carry it."""
-        self._data.qpos[2] = self._section.wheel_radius
-        for _ in range(int(np.ceil(self._section.settle / self._model.opt.timestep))):
-            self._mujoco.mj_step(self._model, self._data)
+        self._run.data.qpos[2] = self._section.wheel_radius
+        for _ in range(int(np.ceil(self._section.settle / self._run.model.opt.timestep))):
+            self._run.step()
 
     def _kept(self) -> Floats:
         """All that the next step depends on, the solver's warm start included."""
-        kind = self._mujoco.mjtState.mjSTATE_INTEGRATION
-        state = np.empty(self._mujoco.mj_stateSize(self._model, kind))
-        self._mujoco.mj_getState(self._model, self._data, state, kind)
+        mujoco, model = self._run.mujoco, self._run.model
+        state = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_INTEGRATION))
+        mujoco.mj_getState(model, self._run.data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
         return state
 
     def _return_to(self, state: Floats) -> None:
-        self._mujoco.mj_resetData(self._model, self._data)
-        self._mujoco.mj_setState(self._model, self._data, state, self._mujoco.mjtState.mjSTATE_INTEGRATION)
+        mujoco, run = self._run.mujoco, self._run
+        run.reset()
+        mujoco.mj_setState(run.model, run.data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
 
     def loaded(self) -> Mapping[str, Link]:
         """See `Simulator.loaded`; every link but the root."""
-        model = self._model
-        return {
-            model.body(k).name: Link(
-                float(model.body_mass[k]), np.sort(model.body_inertia[k]), np.array(model.body_ipos[k])
-            )
-            for k in range(2, model.nbody)
-        }
+        return self._run.links(2)
 
-    def reset(self, x: Floats) -> None:
-        """Put the robot at rest at a pose: x (nx,), m and rad."""
-        i, j, k = self.pose
-        self._return_to(self._rest)
-        data, heading = self._data, float(x[k])
-        turned = np.empty(4)
+    def _place(self, x: float, y: float, heading: float) -> None:
+        data, turned = self._run.data, np.empty(4)
         yaw = np.array([np.cos(heading / 2), 0.0, 0.0, np.sin(heading / 2)])
-        self._mujoco.mju_mulQuat(turned, yaw, np.array(data.qpos[3:7]))
-        data.qpos[0], data.qpos[1], data.qpos[3:7] = x[i], x[j], turned
+        self._run.mujoco.mju_mulQuat(turned, yaw, np.array(data.qpos[3:7]))
+        data.qpos[0], data.qpos[1], data.qpos[3:7] = x, y, turned
         data.qpos[self._turning], data.qvel[:] = 0.0, 0.0
-        self._turned = heading
-        for memory in self._memory:
-            memory.rest(0.0)
 
     def turning(self) -> tuple[float, float]:
         """See `WheeledEngine.turning`."""
-        left, right = self._data.qvel[self._rates].tolist()
+        left, right = self._run.data.qvel[self._rates].tolist()
         return left, right
 
     def standing(self) -> tuple[float, float]:
         """See `WheeledEngine.standing`."""
-        qx, qy = self._data.qpos[4:6].tolist()
-        return float(self._data.qpos[2]), float(np.arccos(np.clip(1.0 - 2.0 * (qx * qx + qy * qy), -1.0, 1.0)))
+        qx, qy = self._run.data.qpos[4:6].tolist()
+        lean = np.arccos(np.clip(1.0 - 2.0 * (qx * qx + qy * qy), -1.0, 1.0))
+        return float(self._run.data.qpos[2]), float(lean)
 
     def _command(self, linear: float, angular: float) -> None:
-        self._data.ctrl[:] = self.wheel_rates(linear, angular)
+        self._run.data.ctrl[:] = self.wheel_rates(linear, angular)
 
-    def advance(self, u: Floats) -> Floats:
-        """Hold (linear, angular) for tau: -> pose, the heading continued not wrapped; `path` holds the poses on it."""
-        a, b = self._plant.commands
-        self._command(float(u[a]), float(u[b]))
-        section = self._section
-        felt = [m.step(float(c), section.poses) for m, c in zip(self._memory, u, strict=False)]
-        for n in range(section.poses):
-            if felt:
-                self._command(float(felt[a][n]), float(felt[b][n]))
-            self._mujoco.mj_step(self._model, self._data, section.substeps // section.poses)
-            self._look(n)
-        if any(self._bad):
-            mujoco_divergence.refuse_divergence(
-                self._bad, "mujoco_wheeled", list(zip(("linear", "angular"), u, strict=True))
-            )
-        return self.path[-1].copy()
-
-    def _look(self, n: int) -> None:
-        """Pose n of the path, from the root's place and quaternion."""
-        i, j, k = self.pose
-        x, y, _, qw, qx, qy, qz = self._data.qpos[:7].tolist()
+    def _step_to_pose(self, n: int) -> None:
+        self._run.step(self._section.substeps // self._section.poses)
+        x, y, _, qw, qx, qy, qz = self._run.data.qpos[:7].tolist()
         heading = np.arctan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz))
-        self._turned += (heading - self._turned + np.pi) % (2.0 * np.pi) - np.pi
-        self.path[n, i], self.path[n, j], self.path[n, k] = x, y, self._turned
+        self._record(n, x, y, heading)
+
+    def _complete_path(self, u: Floats) -> None:
+        if self._run.has_diverged:
+            raise self._run.diverged("mujoco_wheeled", zip(("linear", "angular"), u, strict=True))
 
 
 def model_of(plant: WheeledPlant, section: MuJoCoWheeledSettings) -> Any:
@@ -143,7 +112,7 @@ def model_of(plant: WheeledPlant, section: MuJoCoWheeledSettings) -> Any:
     Raises:
         UserError: wheels that are not there, or a link that touches the floor and states no friction, or too much.
     """
-    mujoco = mjcf.require_mujoco()
+    mujoco = require_mujoco()
     with loading("MuJoCo", plant.urdf):
         spec = mujoco.MjSpec.from_file(str(plant.urdf))
     spec.compiler.fusestatic = False

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,7 +15,7 @@ from simgap.errors import UserError, optional
 from simgap.plants.model_file import Link, read_model_file
 from simgap.plants.urdf_checks import check_urdf, loading
 from simgap.simulators.base import FileTraits
-from simgap.simulators.joints import JointEngine, JointPlant, joint_forces
+from simgap.simulators.joints import JointEngine, JointPlant
 
 
 class PyBulletSettings(EngineSection):
@@ -40,12 +40,10 @@ class PyBulletJoints(JointEngine):
             import pybullet as p
 
         check_urdf(plant.file)
-        self.nx, self.nu = plant.nx, plant.nu
+        super().__init__(plant, section)
         self.engine = f"pybullet {p.getAPIVersion()}"
         self._p: Any = p
-        self._plant, self._substeps = plant, section.substeps
         self._client = p.connect(p.DIRECT)
-        self._forces = joint_forces(plant, section.effects)
         self._body, self._joints = self._load(section)
         self._position, self._velocity = plant.positions, plant.velocities
         # A torque that nobody sets is 0 after each step anyway.
@@ -84,31 +82,27 @@ class PyBulletJoints(JointEngine):
             self._p.resetJointState(self._body, j, x[a], x[b], physicsClientId=self._client)
 
     def advance(self, u: Floats) -> Floats:
-        """Hold u (nu,) for tau, effects evaluated at every engine step: -> (nx,)."""
-        if self._single:
-            return self._advance_single(float(u[0]))
-        p, body, client, joints = self._p, self._body, self._client, self._joints
-        torques = [sum(u[i] for i in drive) for drive in self._plant.inputs]
-        for _ in range(self._substeps):
-            if self._forces is not None:
-                states = [p.getJointState(body, j, physicsClientId=client) for j in joints]
-                torques = list(self._forces(*(s[0] for s in states), *(s[1] for s in states), *u))
-            for k in self._driven:
-                p.setJointMotorControl2(body, joints[k], p.TORQUE_CONTROL, force=torques[k], physicsClientId=client)
-            p.stepSimulation(client)
-        x = np.empty(self.nx)
-        for j, a, b in zip(joints, self._position, self._velocity, strict=True):
-            x[a], x[b] = p.getJointState(body, j, client)[:2]
-        return x
-
-    def _advance_single(self, torque: float) -> Floats:
-        """One joint, one input, no effects: the same calls without the loops over joints."""
-        p, body, (j,), client = self._p, self._body, self._joints, self._client
+        """See `JointEngine.advance`; one joint under one input without effects takes the same calls with no loop."""
+        if not self._single:
+            return super().advance(u)
+        p, body, (j,), client, torque = self._p, self._body, self._joints, self._client, float(u[0])
         for _ in range(self._substeps):
             p.setJointMotorControl2(body, j, p.TORQUE_CONTROL, force=torque, physicsClientId=client)
             p.stepSimulation(client)
         q, v = p.getJointState(body, j, client)[:2]
         return np.array((q, v) if self._position == (0,) else (v, q))
+
+    def _read(self) -> tuple[list[float], list[float]]:
+        states = [self._p.getJointState(self._body, j, physicsClientId=self._client) for j in self._joints]
+        return [s[0] for s in states], [s[1] for s in states]
+
+    def _step(self, torques: Sequence[float]) -> None:
+        p, client = self._p, self._client
+        for k in self._driven:
+            p.setJointMotorControl2(
+                self._body, self._joints[k], p.TORQUE_CONTROL, force=torques[k], physicsClientId=client
+            )
+        p.stepSimulation(client)
 
     def rollouts(self, x: Floats, u: Floats) -> Floats:
         """One step from each state: (n, nx), (n, nu) -> (n, nx)."""

@@ -48,7 +48,7 @@ class PyBulletWheeled(WheeledEngine):
             from pybullet_utils.bullet_client import BulletClient  # type: ignore[import-untyped]
 
         super().__init__(plant, section, paths)
-        self._section = section
+        self._seen: list[Any] = [None] * section.poses
         self.engine = f"pybullet {p.getAPIVersion()}"
         self._p: Any = BulletClient(p.DIRECT)
         self._native: Any = p  # the client looks every function up anew, which costs more than a pose does
@@ -122,55 +122,36 @@ class PyBulletWheeled(WheeledEngine):
             forces=[force, force],
         )  # fmt: skip
 
-    def reset(self, x: Floats) -> None:
-        """Put the robot at rest at a pose: x (nx,), m and rad."""
-        i, j, k = self._plant.pose
-        heading = float(x[k])
+    def _place(self, x: float, y: float, heading: float) -> None:
         p = self._p
-        self._return_to(self._rest)
         quaternion = p.getQuaternionFromEuler([0, 0, heading])
         if not self._aligned:
             quaternion = p.multiplyTransforms([0, 0, 0], quaternion, [0, 0, 0], self._axes)[1]
         cos, sin = np.cos(heading), np.sin(heading)
         a, b, _ = self._offset
-        place = [float(x[i]) + cos * a - sin * b, float(x[j]) + sin * a + cos * b, self._height]
+        place = [x + cos * a - sin * b, y + sin * a + cos * b, self._height]
         p.resetBasePositionAndOrientation(self._body, place, quaternion)
         p.resetBaseVelocity(self._body, [0, 0, 0], [0, 0, 0])
         for wheel in self._wheels:
             p.resetJointState(self._body, wheel, 0.0, 0.0)
-        self._turned = heading
-        for memory in self._memory:
-            memory.rest(0.0)
 
-    def advance(self, u: Floats) -> Floats:
-        """Hold (linear, angular) for tau: -> pose, the heading continued not wrapped; `path` holds the poses on it."""
-        a, b = self._plant.commands
-        self._command(float(u[a]), float(u[b]))
-        felt = [m.step(float(c), self._section.poses) for m, c in zip(self._memory, u, strict=False)]
-        step, where, client = self._native.stepSimulation, self._native.getBasePositionAndOrientation, self._p._client
-        seen: list[tuple[tuple[float, ...], tuple[float, ...]]] = []
-        for n in range(self._section.poses):
-            if felt:
-                self._command(float(felt[a][n]), float(felt[b][n]))
-            step(physicsClientId=client)
-            seen.append(where(self._body, physicsClientId=client))
-        self._watch(seen)
-        return self.path[-1].copy()
+    def _step_to_pose(self, n: int) -> None:
+        client = self._p._client
+        self._native.stepSimulation(physicsClientId=client)
+        self._seen[n] = self._native.getBasePositionAndOrientation(self._body, physicsClientId=client)
 
-    def _watch(self, seen: Sequence[tuple[tuple[float, ...], tuple[float, ...]]]) -> None:
-        """`path` from positions and quaternions of the centre of mass: poses of the root frame, headings continued."""
+    def _complete_path(self, u: Floats) -> None:
+        """From positions and quaternions of the centre of mass to poses of the root frame."""
         turn = self._native.getMatrixFromQuaternion
-        place = np.array([position for position, _ in seen])
-        m = np.array([turn(quaternion) for _, quaternion in seen])
+        place = np.array([position for position, _ in self._seen])
+        m = np.array([turn(quaternion) for _, quaternion in self._seen])
         if not self._aligned:
             m = (m.reshape(-1, 3, 3) @ self._from_axes).reshape(-1, 9)
         a, b, c = self._offset
-        i, j, k = self._plant.pose
-        self.path[:, i] = place[:, 0] - (m[:, 0] * a + m[:, 1] * b + m[:, 2] * c)
-        self.path[:, j] = place[:, 1] - (m[:, 3] * a + m[:, 4] * b + m[:, 5] * c)
+        x = place[:, 0] - (m[:, 0] * a + m[:, 1] * b + m[:, 2] * c)
+        y = place[:, 1] - (m[:, 3] * a + m[:, 4] * b + m[:, 5] * c)
         for n, heading in enumerate(np.arctan2(m[:, 3], m[:, 0]).tolist()):
-            self._turned += (heading - self._turned + np.pi) % (2.0 * np.pi) - np.pi
-            self.path[n, k] = self._turned
+            self._record(n, x[n], y[n], heading)
 
     def turning(self) -> tuple[float, float]:
         """See `WheeledEngine.turning`."""

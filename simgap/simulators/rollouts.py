@@ -1,69 +1,133 @@
-"""Roll-outs of one sampling time, of a wheeled robot in its own frame too; each runs in the engine's own process."""
+"""From a case to its simulator, the engine that it names among the plug-ins, and roll-outs of one sampling time.
+
+Each runs in the engine's own process; those of a wheeled robot are seen from the robot itself.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from simgap import plugins
 from simgap.arrays import Floats, Ints
 from simgap.config.case import Case
+from simgap.effects import EFFECTS, check_listed, effect
 from simgap.errors import UserError
-from simgap.simulators.base import PathSimulator
+from simgap.simulators.base import Engine, PathSimulator, Simulator
 from simgap.simulators.body_samples import REST, BodySamples, joined
+from simgap.simulators.supervision import Supervised, supervise, try_as_map
+
+
+def make_simulator(case: Case, folder: Path) -> Simulator:
+    """The simulator that a case declares; call it in the process that will run it.
+
+    Raises:
+        UserError: no `simulator` section, a plug-in that is no engine, or an effect that the engine cannot act out.
+    """
+    kind, section = _engine(case, folder), case.simulator
+    simulator = kind.build(case, folder)
+    if section is None:
+        return simulator
+    if section.engine in plugins.BUILT_IN["engines"] and not kind.of_a_person:
+        return simulator
+    names, calls = (list(case.plant.states), list(case.plant.inputs)), section.substeps if kind.of_a_person else 1
+    return try_as_map(supervise(simulator, Supervised(section.engine, *names, section.timeout * calls)), case)
+
+
+def closed_form(case: Case, folder: Path) -> tuple[Any, ...] | None:
+    """The map f_hat over tau as expressions (SymPy), one a state, where the engine of the case knows it; else None.
+
+    Raises:
+        UserError: as `make_simulator`.
+    """
+    return _engine(case, folder).closed_form(case, folder)
+
+
+def findings(case: Case, folder: Path) -> list[Any] | None:
+    """Findings about a model file in the engine's own format (`Engine.findings`).
+
+    Raises:
+        UserError: as `make_simulator`.
+    """
+    return _engine(case, folder).findings(case, folder)
+
+
+def switches(case: Case, folder: Path) -> tuple[Any, ...]:
+    """Surfaces on which a model file in the engine's own format switches, as expressions (SymPy); none without one.
+
+    Raises:
+        UserError: as `make_simulator`.
+    """
+    return _engine(case, folder).switches(case, folder) if case.simulator is not None else ()
+
+
+def _engine(case: Case, folder: Path) -> type[Engine]:
+    section = case.simulator
+    if section is None:
+        raise UserError("this stage needs a simulator", key="simulator", remedy="Add `simulator:`.")
+    engine = plugins.find("engines", section.engine, folder)
+    if not issubclass(engine, Engine):
+        raise UserError(
+            f"'{section.engine}' is no engine", key="simulator.engine", remedy="Derive it from simgap's Engine."
+        )
+    check_listed(section.effects, "simulator.effects")
+    for k, added in enumerate(section.effects):
+        if not engine.acts_out(effect(added.name)):
+            known = ", ".join(name for name, kind in EFFECTS.items() if engine.acts_out(kind)) or "none"
+            raise UserError(
+                f"the simulator cannot act out '{added.name}'",
+                key=f"simulator.effects.{k}.name",
+                remedy=f"It takes: {known}. Without it gamma does not cover hardware that has the effect.",
+            )
+    return engine
+
 
 Range = tuple[Floats, Floats]
 
 
-def roll_out(case: Case, folder: Path, x: Floats, u: Floats) -> tuple[Floats, str]:
-    """Successors of states (n, nx) under inputs (n, nu), and the engine's name."""
-    from simgap.simulators.build import make_simulator
-
+@contextmanager
+def opened(case: Case, folder: Path) -> Iterator[Simulator]:
+    """The simulator of a case, released at the end; in the process that runs it."""
     simulator = make_simulator(case, folder)
     try:
-        return simulator.rollouts(x, u), simulator.engine
+        yield simulator
     finally:
         simulator.close()
+
+
+def roll_out(case: Case, folder: Path, x: Floats, u: Floats) -> tuple[Floats, str]:
+    """Successors of states (n, nx) under inputs (n, nu), and the engine's name."""
+    with opened(case, folder) as simulator:
+        return simulator.rollouts(x, u), simulator.engine
 
 
 def roll_out_range(case: Case, folder: Path, x: Floats, u: Floats) -> tuple[Floats, Range | None, str]:
     """`roll_out`, and where delayed or lagged inputs spread the successors their range, two (n, nx)."""
-    from simgap.simulators.build import make_simulator
-
-    simulator = make_simulator(case, folder)
-    try:
+    with opened(case, folder) as simulator:
         spread = simulator.spread(x, u) if simulator.remembers else None
         return simulator.rollouts(x, u), spread, simulator.engine
-    finally:
-        simulator.close()
 
 
 def follow(jobs: Sequence[tuple[Case, Sequence[Floats], Sequence[Floats]]], folder: Path) -> list[list[Floats]]:
     """For each case the paths (k + 1, nx) from its starts (nx,) under its inputs (k, nu)."""
-    from simgap.simulators.build import make_simulator
-
     every = []
     for case, starts, inputs in jobs:
-        simulator = make_simulator(case, folder)
-        try:
+        with opened(case, folder) as simulator:
             paths = []
             for start, u in zip(starts, inputs, strict=True):
                 simulator.reset(start)
                 paths.append(np.stack([start, *(simulator.advance(row) for row in u)]))
             every.append(paths)
-        finally:
-            simulator.close()
     return every
 
 
 @contextmanager
 def _robot(case: Case, folder: Path) -> Iterator[PathSimulator]:
-    from simgap.simulators.build import make_simulator
-
-    simulator = make_simulator(case, folder)
-    try:
+    with opened(case, folder) as simulator:
         if not isinstance(simulator, PathSimulator):
             raise UserError(
                 "the engine records no poses between samples, which a hidden state needs",
@@ -71,8 +135,6 @@ def _robot(case: Case, folder: Path) -> Iterator[PathSimulator]:
                 remedy="Use one that does, such as pybullet_wheeled.",
             )
         yield simulator
-    finally:
-        simulator.close()
 
 
 def after_previous(case: Case, folder: Path, previous: Floats, inputs: Floats) -> tuple[BodySamples, str]:

@@ -22,6 +22,7 @@ from simgap.effects.commands import InputEffect
 from simgap.errors import UserError
 from simgap.plants.urdf_checks import check_floating_root, check_urdf, check_wheels
 from simgap.simulators.base import Engine, FileTraits, PathSimulator
+from simgap.simulators.body_samples import to_body
 from simgap.simulators.commands import CommandMemory, CommandPath, case_command_paths
 
 
@@ -120,6 +121,7 @@ class WheeledEngine(Engine, PathSimulator):
     file_traits = FileTraits(stops=True)
     path: Floats
     _section: WheeledSettings
+    _rest: Any
 
     @classmethod
     def acts_out(cls, effect: Effect) -> bool:
@@ -141,6 +143,7 @@ class WheeledEngine(Engine, PathSimulator):
 
     def __init__(self, plant: WheeledPlant, section: WheeledSettings, paths: Sequence[CommandPath] = ()) -> None:
 
+        self._section = section
         check_urdf(plant.urdf)
         check_floating_root(plant.urdf)
         check_wheels(plant.urdf, section.left, section.right)
@@ -154,9 +157,49 @@ class WheeledEngine(Engine, PathSimulator):
         self._memory = [CommandMemory(path, plant.tau) for path in paths]
         self.path, self._turned = np.zeros((section.poses, 3)), 0.0
 
-    @abstractmethod
     def reset(self, x: Floats) -> None:
-        """Put the robot at rest at a pose."""
+        """Put the robot at rest at a pose: x (nx,), m and rad."""
+        place_x, place_y, heading = (float(x[axis]) for axis in self.pose)
+        self._return_to(self._rest)
+        self._place(place_x, place_y, heading)
+        self._turned = heading
+        for memory in self._memory:
+            memory.rest(0.0)
+
+    def advance(self, u: Floats) -> Floats:
+        """Hold (linear, angular) for tau: -> pose, the heading continued not wrapped; `path` holds the poses on it."""
+        a, b = self.commands
+        self._command(float(u[a]), float(u[b]))
+        poses = self._section.poses
+        felt = [m.step(float(c), poses) for m, c in zip(self._memory, u, strict=False)]
+        for n in range(poses):
+            if felt:
+                self._command(float(felt[a][n]), float(felt[b][n]))
+            self._step_to_pose(n)
+        self._complete_path(u)
+        return self.path[-1].copy()
+
+    def _record(self, n: int, x: float, y: float, heading: float) -> None:
+        """Pose n of the path, the heading continued and not wrapped."""
+        self._turned += (heading - self._turned + np.pi) % (2.0 * np.pi) - np.pi
+        i, j, k = self.pose
+        self.path[n, i], self.path[n, j], self.path[n, k] = x, y, self._turned
+
+    @abstractmethod
+    def _place(self, x: float, y: float, heading: float) -> None:
+        """Move the robot, at rest, to a pose."""
+
+    @abstractmethod
+    def _command(self, linear: float, angular: float) -> None:
+        """Tell the motors the rates of `wheel_rates`."""
+
+    @abstractmethod
+    def _step_to_pose(self, n: int) -> None:
+        """Run the engine to pose n of the sampling time."""
+
+    @abstractmethod
+    def _complete_path(self, u: Floats) -> None:
+        """Look at what the engine did under u: `path` holds all poses afterwards."""
 
     def wheel_rates(self, linear: float, angular: float) -> tuple[float, float]:
         """Rates that the left and the right motor are told, rad/s: the commands as effects on the wheels leave them."""
@@ -197,14 +240,7 @@ class WheeledEngine(Engine, PathSimulator):
         return poses, paths
 
     def _in_body_frame(self, origin: Floats) -> Floats:
-        i, j, k = self.pose
-        cos, sin = np.cos(origin[k]), np.sin(origin[k])
-        d = self.path - origin
-        out = np.empty_like(d)
-        out[:, i] = cos * d[:, i] + sin * d[:, j]
-        out[:, j] = -sin * d[:, i] + cos * d[:, j]
-        out[:, k] = d[:, k]
-        return out
+        return to_body(self.path - origin, origin[self.pose[2]], self.pose)
 
     def responses(self, history: Floats, inputs: Floats, heading: float = 0.0) -> Floats:
         """Paths in the body frame of the pose that a history of inputs (k, nu) leads to, from rest.

@@ -23,7 +23,7 @@ from simgap.config.validation import AuditSection, Trials
 from simgap.errors import BrokenPromise
 from simgap.gap.bounds.function import GapFunction
 from simgap.gap.bounds.load import from_json
-from simgap.gap.sampling.gap_samples import motion_of
+from simgap.gap.sampling.samples import motion_of
 from simgap.io.controller_file import load_controller_of
 from simgap.io.documents import write_json
 from simgap.io.gap_file import SavedGap, load_gap
@@ -31,8 +31,8 @@ from simgap.io.parquet import table, write_parquet
 from simgap.io.shared_solution import SharedSolution, scratch_folder
 from simgap.plants.context import Context
 from simgap.provenance import provenance
-from simgap.simulators.build import make_simulator
 from simgap.simulators.process import engine_pool
+from simgap.simulators.rollouts import make_simulator
 from simgap.stages import log
 from simgap.stages.arguments import CasePath, Gap, HowMany, Option, Out, Shards, Workers
 from simgap.stages.gap_inputs import read_samples

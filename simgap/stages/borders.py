@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from simgap.gap.sampling.border_samples import border_states, parts_of, roll_out_borders
+from simgap.gap.sampling.borders import border_states, parts_of, roll_out_borders
 from simgap.gap.sampling.points import own_point, units
 from simgap.plants.context import Context
 from simgap.provenance import provenance

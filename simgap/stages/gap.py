@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from simgap.gap.whole_bound import Made, gap, seeds
+from simgap.gap.checked_bound import Made, gap, seeds
 from simgap.io.documents import write_json
 from simgap.plants.context import Context
 from simgap.provenance import provenance

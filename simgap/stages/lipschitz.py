@@ -6,14 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from simgap.gap.lipschitz.result import DimensionLipschitz
+from simgap.gap.lipschitz.grid import DimensionLipschitz
 from simgap.gap.memory.fit import HistoryInfluence
 from simgap.gap.memory.hidden_state import fading
-from simgap.gap.sampling.gap_samples import check_histories, dimension_samples
 from simgap.gap.sampling.points import HISTORY, Columns, Points, remembers
+from simgap.gap.sampling.samples import check_histories, dimension_samples
 from simgap.gap.sampling.symmetry import SymmetryDeviation
 from simgap.gap.sampling.values import Held, Room
-from simgap.gap.settings import GapSettings
 from simgap.io.spilled_numbers import room_in
 from simgap.plants.context import Context
 from simgap.stages.arguments import CasePath, Grid, Out, Shards
@@ -50,7 +49,7 @@ def lipschitz(
     from simgap.gap.lipschitz.estimates import dimension_lipschitz
 
     section = context.need(context.case.gap, "gap")
-    return dimension_lipschitz(dimension_samples(context, points, shards, i, room), GapSettings.of(section))
+    return dimension_lipschitz(dimension_samples(context, points, shards, i, room), section)
 
 
 def _influence(context: Context, shards: Sequence[Columns], i: int) -> HistoryInfluence:

@@ -13,7 +13,7 @@ from simgap.attack.witness import SIMULATOR as ON_SIMULATOR
 from simgap.attack.witness import STEP, Witness
 from simgap.config.case import Case
 from simgap.errors import UserError
-from simgap.gap.bounds.body_frame import BodyFrameGap, to_body
+from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapFunction
 from simgap.gap.bounds.load import from_json
 from simgap.io.documents import read_json
@@ -22,7 +22,7 @@ from simgap.io.traces import MODEL, ROBUST, SIMULATOR, Trace
 from simgap.judge import GapAudit
 from simgap.notation import pretty_unit
 from simgap.plants.context import Context, pose_axes
-from simgap.simulators.body_samples import REST
+from simgap.simulators.body_samples import REST, to_body
 from simgap.simulators.process import run_in_processes
 from simgap.specifications.space import Space
 from simgap.stages import log
@@ -57,7 +57,7 @@ def run(path: Path, out: Path | None = None, engine_log: Path | None = None) -> 
 
 def simulate(case: Case, folder: Path, witness: Witness) -> Floats:
     """The states of a witness in the simulator, in the engine's process: (k + 1, nx)."""
-    from simgap.simulators.build import make_simulator
+    from simgap.simulators.rollouts import make_simulator
 
     simulator = make_simulator(case, folder)
     try:

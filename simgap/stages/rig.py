@@ -66,7 +66,7 @@ def recording(
 
 def move(case: Case, folder: Path, u: Floats) -> Floats:
     """Run in the engine's process: states at the sampling instants, from rest at the origin: (n, nu) -> (n, nx)."""
-    from simgap.simulators.build import make_simulator
+    from simgap.simulators.rollouts import make_simulator
 
     simulator = make_simulator(case, folder)
     try:

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from simgap.errors import UserError
-from simgap.gap.fitting.bound_fit import DimensionFit, fit_dimension
+from simgap.gap.fitting.bound_fit import fit_dimension
+from simgap.gap.fitting.dimension_fit import DimensionFit
 from simgap.gap.memory.fit import HullFit, fit_hull
-from simgap.gap.sampling.border_samples import MAKE_BORDERS, NO_BORDERS, directed_samples
-from simgap.gap.sampling.gap_samples import check_histories, dimension_samples, motion_of, previous_classes, steps_of
+from simgap.gap.sampling.borders import MAKE_BORDERS, NO_BORDERS, directed_samples
 from simgap.gap.sampling.points import AFTER_PREVIOUS, SEQUENCE, Columns, Points, remembers
+from simgap.gap.sampling.samples import check_histories, dimension_samples, motion_of, previous_classes, steps_of
 from simgap.gap.sampling.values import Held, Room
-from simgap.gap.settings import GapSettings
 from simgap.io.spilled_numbers import room_in
 from simgap.plants.context import Context, pose_axes
 from simgap.stages.arguments import Borders, CasePath, Grid, Out, Shards
@@ -52,4 +52,4 @@ def scp(
         raise UserError(NO_BORDERS, remedy=MAKE_BORDERS)
     samples = dimension_samples(context, points, shards, i, room)
     beside = directed_samples(context, points.name, borders, i)
-    return fit_dimension(replace(samples, directed=beside), GapSettings.of(section))
+    return fit_dimension(replace(samples, directed=beside), section)

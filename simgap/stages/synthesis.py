@@ -224,7 +224,6 @@ def pose_problem(context: Context, gap_path: Path | None) -> tuple[Problem, Floa
         first=_first_input(context, sensing.first_input) if sensing and sensing.first_input else None,
         stray=between if needed else None,
         one=section.record == "one",
-        layers=section.layers,
     )
     if swept is not None:
         problem = replace(problem, swept=planar_swept_cells(problem.grid, *swept, pose_axes(context), error))

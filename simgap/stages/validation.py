@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -28,7 +28,7 @@ from simgap.judge import Judge
 from simgap.late import pyarrow as pa
 from simgap.plants.context import Context
 from simgap.provenance import provenance
-from simgap.simulators.process import engine_pool
+from simgap.simulators.process import EnginePool, engine_pool
 from simgap.specifications.base import specification_of
 from simgap.specifications.monitor import Run, Verdict
 from simgap.specifications.space import Space
@@ -132,7 +132,7 @@ def _short(figures: dict[str, Any]) -> dict[str, Any]:
 
 
 def _submitted(
-    pool: ProcessPoolExecutor, context: Context, controller: Controller, starts: Floats, folder: Path
+    pool: EnginePool, context: Context, controller: Controller, starts: Floats, folder: Path
 ) -> list[Future[list[Run]]]:
     """Runs of a controller, a chunk a job; its tables go to the folder."""
     folder.mkdir()
@@ -173,7 +173,7 @@ class Shared:
 
 def simulate_chunk(case: Case, folder: Path, shared: Shared, starts: Floats, chunk: int) -> list[Run]:
     """Run in an engine's process, from starts (n, nx)."""
-    from simgap.simulators.build import make_simulator
+    from simgap.simulators.rollouts import make_simulator
 
     space, section = Space.of(case), case.sensing
     sensing = Sensing(space.vector(section.error if section else {}), section.latency if section else 0)

@@ -35,7 +35,7 @@ from numpy.typing import ArrayLike, NDArray
 from simgap.arrays import Bools, Floats, Ints
 from simgap.geometry import Grid
 from simgap.late import njit
-from simgap.model.kept import kept
+from simgap.model.kernel_cache import cached_kernel
 from simgap.model.sampled import NominalModel
 from simgap.synthesis.abstraction.cells import count_holes, layout, table_size
 from simgap.synthesis.abstraction.post import Frame, Kernel, cell_box, image, reduced_cells, to_cells, without_ends
@@ -251,7 +251,7 @@ def _worst_measurement(  # type: ignore[no-untyped-def]
 def searcher(image_of_box: Kernel, gap: Kernel) -> Any:
     """numba: the loop over cells; boxes are computed once for all cells that differ along axes that do not matter."""
 
-    @kept
+    @cached_kernel
     def search(  # type: ignore[no-untyped-def]
         cells, rest, strides, free, header, inputs, kind, shape, tables, inside, mask, reach, wide, seen, factor, extra
     ):  # fmt: skip

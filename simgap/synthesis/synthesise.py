@@ -21,9 +21,9 @@ from simgap.synthesis.abstraction.nominal import nominal_abstraction
 from simgap.synthesis.abstraction.post import Kernel, no_gap
 from simgap.synthesis.abstraction.swept import SweptCells
 from simgap.synthesis.controller import least_effort
-from simgap.synthesis.games.game import LateGame, MeasuredGame, PreviousBounds, PreviousGame, TrueGame, one_input_only
-from simgap.synthesis.games.layered import no_layers
-from simgap.synthesis.games.pending import PendingGame
+from simgap.synthesis.games.game import MeasuredGame, PreviousBounds, one_input_only
+from simgap.synthesis.games.pending import LateGame
+from simgap.synthesis.games.sensing import TrueGame
 
 _SAMPLES = 4096
 
@@ -132,7 +132,6 @@ class Problem:
         stray: what the clearance has to cover of it, (nx,), or (2, nx): from obstacles, and from walls; None for a
             controller that looks at the samples only.
         one: whether the input of least effort alone is recorded of each cell, for what is to be reached.
-        layers: sizes of cells that a set to be held is found by; the answer does not depend on it.
     """
 
     model: NominalModel
@@ -149,7 +148,6 @@ class Problem:
     first: int | None = None
     previous: PreviousBounds | None = None
     one: bool = False
-    layers: int = 1
 
     @property
     def grid(self) -> Grid:
@@ -189,21 +187,20 @@ class Problem:
         first = int(least_effort(self.inputs)[0]) if self.first is None else self.first
         if self.one and (self.on_true_cells or self.latency or self.previous is not None):
             raise one_input_only("a controller that remembers, or that keeps cells of the true state")
-        if self.layers > 1 and (self.blurred or self.previous is not None):
-            raise no_layers("a controller that remembers, or whose measurements have an error")
         if self.on_true_cells:
             error = nothing if self.error is None else np.asarray(self.error)
-            return TrueGame(self.space, self.abstraction(), error, self.latency, stray, threads, first)
-        if self.previous is not None:
-            boxes = tuple(self._boxes(*own) for own in zip(self.previous.gaps, self.previous.swept, strict=True))
-            if self.latency:
-                pending = PendingGame(boxes, self.previous.kind, threads)
-                return LateGame(self.space, pending, stray, first, self.previous.rest)
-            about = self.previous.kind, self.previous.rest, stray, threads
-            return PreviousGame(self.space, boxes, self.abstraction, *about)
+            cells = (self.abstraction(),)
+            return TrueGame(self.space, cells, stray, threads, blur=error, latency=self.latency, first=first)
+        boxes: tuple[Abstraction, ...]
+        if self.previous is None:
+            boxes, kind, rest, after_any = (self.abstraction(),), None, 0, None
+        else:
+            own = self.previous
+            boxes = tuple(self._boxes(*pair) for pair in zip(own.gaps, own.swept, strict=True))
+            kind, rest, after_any = own.kind, own.rest, self.abstraction
         if self.latency:
-            return LateGame(self.space, PendingGame.of(self.abstraction(), threads), stray, first)
-        return MeasuredGame(self.space, self.abstraction(), stray, threads, self.one, self.layers)
+            return LateGame(self.space, boxes, stray, threads, kind, rest, first)
+        return MeasuredGame(self.space, boxes, stray, threads, kind, rest, self.one, after_any)
 
 
 def synthesise(problem: Problem, threads: int = 1) -> Solution:

@@ -145,7 +145,7 @@ def test_a_sample_of_latency_is_part_of_the_attack(problem):
 def test_runs_go_on_where_they_must_stay(problem):
     """Longer than the way to the target by as much as runs that only stay; without that, they end where they arrive."""
     asked = ReachAndStay(kind="reach_and_stay", target={"x1": (0.05, 0.15), "x2": (-0.25, 0.25)})
-    made = asked.solve(MeasuredGame(SPACE, problem[2], np.zeros(2)))
+    made = asked.solve(MeasuredGame(SPACE, (problem[2],), np.zeros(2)))
     way = int(made.value.max()) + 1
     assert way > 2
     monitor = asked.monitor(SPACE, made)

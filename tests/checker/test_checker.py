@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from simgap.config.gap import GapSection, LipschitzSection
 from simgap.errors import UserError
 from simgap.extras.certify import Certified, write_certificate
 from simgap.gap.bases import Expressions
 from simgap.gap.bounds.closed_form import ClosedFormGap
 from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.sampling.samples import GapSamples
-from simgap.gap.settings import GapSettings
 from simgap.geometry import Box, Grid
 from simgap.model.expressions import parse, prefix
 from simgap.model.sampled import NominalModel
@@ -49,7 +49,7 @@ def pendulum(periodic=(), safe=None, shape=SHAPE):
     d = (simulator.step(points, inputs) - model.step(points, inputs)).reshape(grid.size, len(U), 2)
     samples = GapSamples(grid, U, d, ("x1", "x2"), ("u",), periodic=periodic, known=known)
     basis = Expressions(terms=("x1^2", "x2^2", "x1*x2", "x1", "x2", "u", "1"))
-    bound = fit_gap(samples, GapSettings(basis=basis, extreme_value=False)).function
+    bound = fit_gap(samples, GapSection(basis=basis, lipschitz=LipschitzSection(extreme_value=False))).function
     specification = Invariance(kind="invariance", safe={"x1": (-0.2, 0.2), "x2": (-0.5, 0.5)} | (safe or {}))
     space = Space(("x1", "x2"), box, periodic)
     solution = synthesise(Problem(model, specification, space, shape, U, bound.kernel()))

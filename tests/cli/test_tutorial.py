@@ -30,7 +30,8 @@ def done(tmp_path_factory):
 
 
 def test_all_steps_are_there():
-    assert [command.split()[1] for command in COMMANDS] == ["tutorial", "check", "run", "new", "check", "diagnose"]
+    steps = [command.split()[1] for command in COMMANDS]
+    assert steps == ["tutorial", "check", "run", "new", "check", "run", "diagnose"]
 
 
 def test_what_it_says_is_found(done):

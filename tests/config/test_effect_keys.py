@@ -6,7 +6,7 @@ import yaml
 from simgap.config.load import load_case
 from simgap.errors import UserError
 from simgap.plants.plant_model import PlantModel
-from simgap.simulators.build import closed_form
+from simgap.simulators.rollouts import closed_form
 
 ROD = {
     "name": "rod",

@@ -9,13 +9,12 @@ import sympy as sp
 from simgap.gap.bases import Blocks, Monomials
 from simgap.gap.bounds.function import GapDomain
 from simgap.gap.fitting.fit import fit_gap
-from simgap.gap.sampling.border_samples import kinks, switching_surfaces
-from simgap.gap.sampling.borders import BESIDE, critical_points, thinned_count
-from simgap.gap.sampling.samples import Directed, GapSamples
-from simgap.gap.settings import GapSettings
+from simgap.gap.sampling.borders import BESIDE, Directed, critical_points, kinks, switching_surfaces, thinned_count
+from simgap.gap.sampling.samples import GapSamples
 from simgap.geometry import Box, Grid
 from simgap.model.symbolic import symbol
 from simgap.plants.context import Context
+from tests.gap.gap_examples import gap_section
 
 A, V, U = (symbol(name) for name in ("a", "v", "u"))
 
@@ -174,7 +173,7 @@ def test_a_gap_that_is_steep_beside_a_surface_alone_is_covered_there(basis):
     there = np.moveaxis(at_all_inputs(beside.x), -1, 0)
     directed = tuple(Directed(beside, own, own) for own in there)
     samples = GapSamples(grid, inputs, at_all_inputs(grid.centres()), *names, directed=directed)
-    bound = fit_gap(samples, GapSettings(basis=basis, rough_limit=1.0)).function
+    bound = fit_gap(samples, gap_section(basis=basis, rough_limit=1.0)).function
     rng = np.random.default_rng(41)
     x = np.stack([rng.uniform(-0.2, 0.2, 4000), rng.choice([-1e-9, 0.0, 1e-9], 4000)], axis=1)
     u = inputs[rng.integers(0, 2, 4000)]

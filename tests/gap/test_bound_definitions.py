@@ -10,13 +10,11 @@ from simgap.config.gap import GapSection
 from simgap.errors import UserError
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.cells import CellGap
-from simgap.gap.bounds.function import GapDomain
+from simgap.gap.bounds.function import GapDomain, Tier
 from simgap.gap.bounds.previous import PreviousClasses
-from simgap.gap.bounds.tiers import Tier
 from simgap.gap.fitting.acceptance import check_fresh, clopper_pearson_upper, covering_remainder
-from simgap.gap.fitting.envelope import fit_envelope
-from simgap.gap.lipschitz.grid import estimate
-from simgap.gap.lipschitz.result import GridLipschitz, worse
+from simgap.gap.fitting.cell_fit import NodeFit
+from simgap.gap.lipschitz.grid import GridLipschitz, estimate, worse
 from simgap.gap.lipschitz.stencils import bends, steps, to_cells
 from simgap.gap.memory.bound import Robot, assemble_hulls
 from simgap.gap.memory.fit import HistoryInfluence, HullFit, Widened, fit_hull
@@ -24,10 +22,10 @@ from simgap.gap.memory.hidden_state import extrapolated_maximum, fading, hull
 from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
 from simgap.gap.sampling.symmetry import SymmetryDeviation
 from simgap.gap.sampling.values import Held
-from simgap.gap.settings import GapSettings
 from simgap.geometry import Box, Grid
 from simgap.simulators.body_samples import BodySamples
 from simgap.split_conformal import reach
+from tests.gap.gap_examples import gap_section
 
 U = np.array([[-1.0], [0.5]])
 TIER = (Tier(1, "Made up."),)
@@ -105,9 +103,9 @@ def test_more_is_left_near_rest_and_its_tier_says_so():
 @pytest.mark.parametrize(
     ("within", "said"),
     [
-        ([{"where": {"b": [0.5, 0.4]}, "by": {"a": 0.4}}], "is empty"),
-        ([{"where": {}, "by": {"a": 0.4}}], "names a state"),
-        ([{"where": {"b": [0.4, 0.5]}, "by": {"a": -0.4}}], "at least 0"),
+        ([{"where": {"b": [0.5, 0.4]}, "by": {"a": 0.4}}], r"where\.b\n.*upside down"),
+        ([{"where": {}, "by": {"a": 0.4}}], r"where\n.*at least 1 item"),
+        ([{"where": {"b": [0.4, 0.5]}, "by": {"a": -0.4}}], r"by\.a\n.*equal to 0"),
     ],
 )
 def test_a_mistake_in_where_more_is_left_is_refused(within, said):
@@ -223,11 +221,11 @@ def test_an_envelope_starts_from_both_ends_and_the_rounding_of_samples():
     where = SampleGrid(grid, U, ("a", "b"), ("u",))
     low = np.random.default_rng(0).uniform(-1, 0, (16, 2))
     samples = DimensionSamples(where, 0, Held(low), Held(low + 0.5))
-    fit = fit_envelope(samples, GapSettings(bound="envelope"))
+    fit = NodeFit.of(samples, gap_section(bound="envelope"))
     assert np.all(fit.upper > low + 0.5)
     assert np.all(fit.lower < low)
-    both = fit_envelope(
-        DimensionSamples(where, 0, Held(low), Held(low + 0.5)), GapSettings(bound="envelope", sides="unsigned")
+    both = NodeFit.of(
+        DimensionSamples(where, 0, Held(low), Held(low + 0.5)), gap_section(bound="envelope", sides="unsigned")
     )
     assert np.all(both.upper >= np.maximum(np.abs(low), np.abs(low + 0.5)))
 

@@ -11,12 +11,11 @@ from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bounds.closed_form import ClosedFormGap
 from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.sampling.samples import GapSamples
-from simgap.gap.settings import GapSettings
 from simgap.geometry import Box, Grid
 from simgap.model.expressions import parse
 from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import symbol
-from tests.gap.gap_examples import U, X
+from tests.gap.gap_examples import U, X, gap_section
 
 XS, US = (symbol("x1"), symbol("x2")), (symbol("u"),)
 NOMINAL = ("x1 + 0.005*x2", "x2 + 0.015*u - 0.07*sin(x1)")
@@ -72,7 +71,7 @@ BOUNDS = [
 @pytest.mark.parametrize("how", BOUNDS, ids=str)
 def test_a_peak_narrower_than_a_cell_is_covered(how):
     gap, (x, u) = known("1e-6*u*x1", PEAK), dense()
-    settings = GapSettings(extreme_value=False, **how)
+    settings = gap_section(extreme_value=False, **how)
     result = fit_gap(samples(gap), settings)
     assert outside(result.function, gap, x, u) == 0
     assert [tier.level for tier in result.function.tiers] == [1]
@@ -85,7 +84,7 @@ def test_a_peak_narrower_than_a_cell_is_covered(how):
 
 def test_dry_friction_is_covered_on_both_sides_of_rest_and_at_rest():
     gap, (x, u) = known("0", "-6e-4*sign(x2) + 1e-3*x1*x2"), dense()
-    result = fit_gap(samples(gap), GapSettings(extreme_value=False))
+    result = fit_gap(samples(gap), gap_section(extreme_value=False))
     assert outside(result.function, gap, x, u) == 0
     assert [tier.level for tier in result.function.tiers] == [1]
     assert not result.dimensions[1].lipschitz.grid.resolved
@@ -94,12 +93,12 @@ def test_dry_friction_is_covered_on_both_sides_of_rest_and_at_rest():
 @pytest.mark.parametrize("how", [{"padding": "per_axis"}, {"padding": "paper"}, {"bound": "envelope"}], ids=str)
 def test_a_jump_has_no_constant(how):
     with pytest.raises(BrokenPromise, match="not Lipschitz"):
-        fit_gap(samples(known("0", "-6e-4*sign(x2)")), GapSettings(extreme_value=False, **how))
+        fit_gap(samples(known("0", "-6e-4*sign(x2)")), gap_section(extreme_value=False, **how))
 
 
 def test_a_smooth_gap_costs_no_more_than_the_estimate():
     gap = known("1e-5*sin(3*x1)", "1e-3*x1*x2^2 + 2e-3*u")
-    proven, estimated = (fit_gap(samples(gap, use=use), GapSettings(extreme_value=False)) for use in (True, False))
+    proven, estimated = (fit_gap(samples(gap, use=use), gap_section(extreme_value=False)) for use in (True, False))
     for a, b in zip(proven.dimensions, estimated.dimensions, strict=True):
         assert a.mean_width <= 1.05 * b.mean_width
         np.testing.assert_allclose(a.lipschitz.grid.constants, b.lipschitz.grid.constants, rtol=0.15, atol=1e-9)
@@ -125,7 +124,7 @@ def test_slopes_of_every_cell_hold_those_between_points_of_it(term):
 def test_roll_outs_that_are_not_those_of_the_equations_are_refused():
     gap = known("0", "1e-3*x1")
     with pytest.raises(BrokenPromise, match="roll-outs are not those of the equations"):
-        fit_gap(samples(gap, off=1e-13), GapSettings(extreme_value=False))
+        fit_gap(samples(gap, off=1e-13), gap_section(extreme_value=False))
 
 
 @pytest.mark.parametrize("term", ["1e-3/x1", "log(x1)", "sqrt(x2)"])

@@ -7,10 +7,9 @@ from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bases import Blocks, Expressions, Monomials, Trigonometric
 from simgap.gap.bounds.load import from_json
 from simgap.gap.fitting.acceptance import check_fresh, clopper_pearson_upper
-from simgap.gap.fitting.conformal import Calibration
+from simgap.gap.fitting.dimension_fit import Calibration
 from simgap.gap.fitting.fit import fit_gap
-from simgap.gap.settings import GapSettings
-from tests.gap.gap_examples import PAPER, U, X, coulomb, off_grid, on_grid, smooth
+from tests.gap.gap_examples import PAPER, U, X, coulomb, gap_section, off_grid, on_grid, smooth
 
 KINDS = {
     "signed": {},
@@ -29,7 +28,7 @@ KINDS = {
 
 def fit(samples, **kind):
     options = {"basis": Expressions(terms=PAPER), "extreme_value": False}
-    return fit_gap(samples, GapSettings(**(options | kind)))
+    return fit_gap(samples, gap_section(**(options | kind)))
 
 
 @pytest.mark.parametrize("name", KINDS)
@@ -123,7 +122,7 @@ def test_hidden_states_spread_the_gap():
 
 def test_conformal_covers_a_random_sample_as_often_as_stated():
     samples = on_grid(coulomb)
-    settings = GapSettings(Expressions(terms=PAPER), bound="conformal", miscoverage=0.05, extreme_value=False)
+    settings = gap_section(basis=Expressions(terms=PAPER), bound="conformal", miscoverage=0.05, extreme_value=False)
     outside = []
     for seed in range(5):
         calibration = Calibration(*off_grid(coulomb, 2000, seed=seed))
@@ -136,7 +135,7 @@ def test_conformal_covers_a_random_sample_as_often_as_stated():
 
 
 def test_conformal_needs_enough_samples():
-    settings = GapSettings(bound="conformal", miscoverage=0.001)
+    settings = gap_section(bound="conformal", miscoverage=0.001)
     with pytest.raises(UserError, match="too few"):
         fit_gap(on_grid(smooth), settings, Calibration(*off_grid(smooth, 500)))
 
@@ -144,7 +143,7 @@ def test_conformal_needs_enough_samples():
 def test_conformal_refuses_a_gap_that_hidden_states_spread():
     spread = on_grid(smooth, d_upper=on_grid(smooth).d + 1e-3)
     with pytest.raises(UserError, match="hidden states"):
-        fit_gap(spread, GapSettings(bound="conformal"), Calibration(*off_grid(smooth, 500)))
+        fit_gap(spread, gap_section(bound="conformal"), Calibration(*off_grid(smooth, 500)))
 
 
 def test_free_axes():
@@ -180,11 +179,3 @@ def test_clopper_pearson():
     assert clopper_pearson_upper(10, 10) == 1.0
     with pytest.raises(UserError):
         clopper_pearson_upper(10, 11)
-
-
-@pytest.mark.parametrize(
-    ("key", "value"), [("objective", "min"), ("sides", "both"), ("padding", "none"), ("bound", "x")]
-)
-def test_settings_name_what_is_known(key, value):
-    with pytest.raises(UserError, match="Known:"):
-        GapSettings(**{key: value})

@@ -9,16 +9,14 @@ from scipy.stats import weibull_max
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.fitting.bound_fit import check_resolved, fit_dimension
 from simgap.gap.lipschitz.estimates import dimension_lipschitz, fit_reverse_weibull, profile_upper, top_spacing_upper
-from simgap.gap.lipschitz.grid import estimate, roughness
+from simgap.gap.lipschitz.grid import DimensionLipschitz, GridLipschitz, estimate, roughness
 from simgap.gap.lipschitz.local import Beside, Fit, LocalPadding
-from simgap.gap.lipschitz.result import DimensionLipschitz, GridLipschitz
 from simgap.gap.sampling.borders import Borders
 from simgap.gap.sampling.samples import SampleGrid
 from simgap.gap.sampling.values import Held
-from simgap.gap.settings import GapSettings
 from simgap.geometry import Box, Grid
 from simgap.io.spilled_numbers import room_in
-from tests.gap.gap_examples import U, X, coulomb, on_grid, smooth
+from tests.gap.gap_examples import U, X, coulomb, gap_section, on_grid, smooth
 
 
 def values(function, grid):
@@ -92,11 +90,11 @@ def test_two_joints_that_rub_are_told_apart_and_the_remedy_is_of_a_jump():
     where = SampleGrid(grid, np.zeros((1, 1)), names, ("u",))
     known = [DimensionLipschitz(found, (), 1.0)]
     with pytest.raises(BrokenPromise) as caught:
-        check_resolved(where, GapSettings(rough_limit=0.01), known * 3)
+        check_resolved(where, gap_section(rough_limit=0.01), known * 3)
     limit = float(re.search(r"rough_limit: ([\d.]+)", str(caught.value)).group(1))
     assert found.rough_share < limit <= found.rough_share + 0.07
     assert "Declare what switches in plant.effects too" in str(caught.value)
-    check_resolved(where, GapSettings(rough_limit=limit), known * 3)
+    check_resolved(where, gap_section(rough_limit=limit), known * 3)
 
 
 @pytest.mark.parametrize("at_rest", [0.0, 0.2, -0.3])
@@ -257,7 +255,7 @@ def test_a_bound_from_files_is_that_from_memory(monkeypatch, tmp_path, function)
     part = on_grid(function, 0.01).dimension(1)
     monkeypatch.setattr("simgap.gap.sampling.values.BLOCK", 2**12)
     assert part.d.size > 2**13
-    settings = GapSettings(rough_limit=1.0)
+    settings = gap_section(rough_limit=1.0)
     whole = fit_dimension(part, settings).to_json(), dimension_lipschitz(part, settings).to_json()
     room = in_pieces(monkeypatch, tmp_path)
     stored = room(part.d.shape)

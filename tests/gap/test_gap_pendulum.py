@@ -5,8 +5,7 @@ import pytest
 from simgap.gap.bases import Expressions
 from simgap.gap.fitting.acceptance import check_fresh
 from simgap.gap.fitting.fit import fit_gap
-from simgap.gap.settings import GapSettings
-from tests.gap.gap_examples import PAPER, off_grid, on_grid, pendulum_gap
+from tests.gap.gap_examples import PAPER, gap_section, off_grid, on_grid, pendulum_gap
 
 pytest.importorskip("pybullet")
 
@@ -27,7 +26,7 @@ def root_path():
 @pytest.mark.parametrize("sides", ["signed", "unsigned"])
 def test_tight_and_covering(sampled, sides):
     matched, gap, samples = sampled
-    settings = GapSettings(Expressions(terms=PAPER), sides=sides, extreme_value=False)
+    settings = gap_section(basis=Expressions(terms=PAPER), sides=sides, extreme_value=False)
     result = fit_gap(samples, settings)
     assert check_fresh(result.function, *off_grid(gap, 10_000)).violations == 0
     if matched:
@@ -39,7 +38,7 @@ def test_tight_and_covering(sampled, sides):
 def test_known_lipschitz_constant(sampled):
     """Semi-implicit against explicit Euler: dd1/dx1 = tau^2 3 g / 2 l."""
     matched, _, samples = sampled
-    settings = GapSettings(Expressions(terms=PAPER))
+    settings = gap_section(basis=Expressions(terms=PAPER))
     found = fit_gap(samples, settings).dimensions[0]
     if matched:
         assert found.lipschitz.grid.constants[0] == pytest.approx(0.005**2 * 1.5 * 9.81, rel=2e-3)
@@ -51,8 +50,8 @@ def test_known_lipschitz_constant(sampled):
 def test_gap_is_almost_a_function_of_angle_and_torque(root_path):
     """With the engine's own inertia the plant is stronger than declared: a bias that a signed bound removes."""
     samples = on_grid(pendulum_gap(root_path, False), eps=0.0147)
-    settings = GapSettings(Expressions(terms=PAPER), extreme_value=False)
+    settings = gap_section(basis=Expressions(terms=PAPER), extreme_value=False)
     signed = fit_gap(samples, settings).dimensions
-    unsigned = fit_gap(samples, GapSettings(Expressions(terms=PAPER), sides="unsigned", extreme_value=False))
+    unsigned = fit_gap(samples, gap_section(basis=Expressions(terms=PAPER), sides="unsigned", extreme_value=False))
     for one, other in zip(signed, unsigned.dimensions, strict=True):
         assert one.mean_width <= 0.01 * other.mean_width

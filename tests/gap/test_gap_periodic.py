@@ -10,13 +10,11 @@ import pytest
 
 from simgap.gap.bases import Blocks, Expressions
 from simgap.gap.bounds.body_frame import BodyFrameGap
-from simgap.gap.bounds.function import GapDomain, parts
+from simgap.gap.bounds.function import GapDomain, Tier, parts
 from simgap.gap.bounds.load import from_json
-from simgap.gap.bounds.tiers import Tier
 from simgap.gap.fitting.fit import fit_gap
-from simgap.gap.settings import GapSettings
 from simgap.geometry import Box
-from tests.gap.gap_examples import on_grid, smooth
+from tests.gap.gap_examples import gap_section, on_grid, smooth
 
 PI = np.pi
 POSE, POSES = Box([0.0, 0.0, -PI], [10.0, 10.0, PI]), np.array([[0.0, 0.0], [0.5, -1.0], [0.5, 1.0]])
@@ -34,7 +32,7 @@ def periodic(name):
         basis, axes = {"linear": (TERMS, (0,)), "linear, both axes": (TERMS, (0, 1)), "blocks": (Blocks(), (0,)),
                        "envelope": (TERMS, (1,))}[name]  # fmt: skip
         bound = "envelope" if name == "envelope" else "scenario"
-        settings = GapSettings(basis=basis, extreme_value=False, bound=bound)
+        settings = gap_section(basis=basis, extreme_value=False, bound=bound)
         plain = fit_gap(on_grid(smooth, eps=0.03), settings).function
     return replace(plain, domain=replace(plain.domain, periodic=axes)), plain, axes
 

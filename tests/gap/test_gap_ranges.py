@@ -8,9 +8,8 @@ import pytest
 from simgap.gap.bases import Blocks, Expressions
 from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.sampling.samples import GapSamples
-from simgap.gap.settings import GapSettings
 from simgap.geometry import Grid
-from tests.gap.gap_examples import PAPER, U, X
+from tests.gap.gap_examples import PAPER, U, X, gap_section
 
 GRID = Grid(X, [30, 30])
 KINDS = {
@@ -58,7 +57,7 @@ def test_both_ends_are_covered_between_the_samples(name, steep):
     lower, upper = (np.repeat(end[:, None], len(U), axis=1) for end in ends(steep, GRID.centres()))
     samples = GapSamples(GRID, U, lower, ("x1", "x2"), ("u",), upper)
     options = {"basis": Expressions(terms=PAPER), "extreme_value": False, "rough_limit": 1.0} | KINDS[name]
-    function = fit_gap(samples, GapSettings(**options)).function
+    function = fit_gap(samples, gap_section(**options)).function
     x = between()
     lower, upper = ends(steep, x)
     lo, hi = function.bounds(x, np.tile(U[:1], (len(x), 1)))

@@ -6,8 +6,7 @@ from scipy.optimize import linprog
 
 from simgap.errors import UserError
 from simgap.gap.bounds.basis import Basis
-from simgap.gap.fitting.design import Design
-from simgap.gap.fitting.scenario import solve_scenario
+from simgap.gap.fitting.scenario import Design, solve_scenario
 from tests.gap.gap_examples import PAPER, U, coulomb, on_grid, smooth
 
 

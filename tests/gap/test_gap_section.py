@@ -5,11 +5,10 @@ from simgap.config.gap import GapSection
 from simgap.config.load import load_case
 from simgap.errors import UserError
 from simgap.gap.bases import Blocks, Expressions
-from simgap.gap.settings import GapSettings
 
 
 def test_defaults_are_the_tightest():
-    settings = GapSettings.of(GapSection(basis=("x1", "1")))
+    settings = GapSection(basis=("x1", "1"))
     assert (settings.objective, settings.sides, settings.padding, settings.bound) == (
         "lexicographic",
         "signed",
@@ -20,7 +19,7 @@ def test_defaults_are_the_tightest():
 
 
 def test_a_kind_with_options():
-    settings = GapSettings.of(GapSection(basis={"kind": "blocks", "blocks": [4, 4]}))
+    settings = GapSection(basis={"kind": "blocks", "blocks": [4, 4]})
     assert settings.basis == Blocks(blocks=(4, 4))
 
 
@@ -30,6 +29,9 @@ def test_a_kind_with_options():
         ({"basis": {"kind": "fourier"}}, "no basis is called 'fourier'. Known: expressions, monomials"),
         ({"basis": {"degree": 2}}, "needs the key 'kind', one of expressions, monomials"),
         ({"basis": ["1"], "padding": "none"}, "padding"),
+        ({"basis": ["1"], "objective": "min"}, "objective"),
+        ({"basis": ["1"], "sides": "both"}, "sides"),
+        ({"basis": ["1"], "bound": "x"}, "bound"),
         ({"basis": ["1"], "fresh_samples": 0}, "fresh_samples"),
         ({"basis": ["1"], "colour": "red"}, "colour"),
         ({"basis": ["1"], "bound": "conformal"}, "tolerated_probability above that, such as 0.012; it is 0"),

@@ -8,15 +8,14 @@ import pytest
 from simgap.errors import UserError
 from simgap.gap.bases import Blocks, Expressions
 from simgap.gap.fitting.bound_fit import assemble, fit_dimension, fit_from_json
-from simgap.gap.fitting.conformal import Calibration
+from simgap.gap.fitting.dimension_fit import Calibration
 from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.lipschitz.estimates import dimension_lipschitz
-from simgap.gap.lipschitz.result import DimensionLipschitz
-from simgap.gap.sampling.gap_samples import check_rows
+from simgap.gap.lipschitz.grid import DimensionLipschitz
 from simgap.gap.sampling.points import Points, covering_point, cut, product, radius
-from simgap.gap.settings import GapSettings
+from simgap.gap.sampling.samples import check_rows
 from simgap.geometry import Grid
-from tests.gap.gap_examples import PAPER, U, X, off_grid, on_grid, smooth
+from tests.gap.gap_examples import PAPER, U, X, gap_section, off_grid, on_grid, smooth
 
 SETTINGS = {
     "inflate": {"rough_limit": 1.0},
@@ -35,7 +34,7 @@ def through_a_file(result):
 
 @pytest.mark.parametrize("name", SETTINGS)
 def test_a_bound_made_of_saved_results_is_the_same(name):
-    settings = GapSettings(**({"basis": Expressions(terms=PAPER)} | SETTINGS[name]))
+    settings = gap_section(**({"basis": Expressions(terms=PAPER)} | SETTINGS[name]))
     samples, drawn = on_grid(smooth, eps=0.04), Calibration(*off_grid(smooth, 500, seed=3))
     parts = [samples.dimension(i) for i in (0, 1)]
     fits = [fit_from_json(through_a_file(fit_dimension(part, settings))) for part in parts]
@@ -52,7 +51,7 @@ def test_a_bound_made_of_saved_results_is_the_same(name):
 def test_no_padding_but_inflate_enters_the_program():
     samples = on_grid(smooth, eps=0.04).dimension(1)
     per_axis, paper, inflate = (
-        through_a_file(fit_dimension(samples, GapSettings(Expressions(terms=PAPER), padding=name)))
+        through_a_file(fit_dimension(samples, gap_section(basis=Expressions(terms=PAPER), padding=name)))
         for name in ("per_axis", "paper", "inflate")
     )
     assert per_axis == paper

@@ -6,13 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.bounds.body_frame import BodyFrameGap, nominal_motion, rotated_box, to_body
-from simgap.gap.bounds.function import GapDomain
+from simgap.gap.bounds.body_frame import BodyFrameGap, nominal_motion, rotated_box
+from simgap.gap.bounds.function import GapDomain, Tier
 from simgap.gap.bounds.load import from_json
-from simgap.gap.bounds.tiers import Tier
 from simgap.gap.sampling.symmetry import SymmetryDeviation
 from simgap.geometry import Box
 from simgap.io.documents import read_json, write_json
+from simgap.simulators.body_samples import to_body
 
 NAMES = ("x", "y", "theta")
 U = np.array([[0.0, 0.0], [0.5, -1.0], [0.5, 1.0]])

@@ -6,13 +6,13 @@ import yaml
 
 from simgap.config.load import load_case
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.sampling.border_samples import SHIFTED, border_gaps, border_states, parts_of, roll_out_borders
+from simgap.gap.checked_bound import reached_stops
+from simgap.gap.sampling.borders import SHIFTED, border_gaps, border_states, parts_of, roll_out_borders
 from simgap.gap.sampling.points import covering_grid, own_point
 from simgap.gap.sampling.symmetry import SymmetryDeviation
-from simgap.gap.whole_bound import reached_stops
 from simgap.plants.context import Context
 from simgap.provenance import sections_digest, sections_of
-from simgap.simulators.build import make_simulator
+from simgap.simulators.rollouts import make_simulator
 from tests.recipes.scratch import gap_of
 
 TAU, B = 0.1, 0.3

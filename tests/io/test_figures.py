@@ -6,9 +6,8 @@ import pytest
 from matplotlib.patches import Circle
 
 from simgap.gap.bounds.cells import CellGap
-from simgap.gap.bounds.function import GapDomain
+from simgap.gap.bounds.function import GapDomain, Tier
 from simgap.gap.bounds.load import from_json
-from simgap.gap.bounds.tiers import Tier
 from simgap.geometry import Box, Grid
 from simgap.io import figure_style as style
 from simgap.io.controller_file import load_controller

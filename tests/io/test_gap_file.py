@@ -10,9 +10,8 @@ from simgap.errors import UserError
 from simgap.gap.bounds.basis import Basis, make_form
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.cells import CellGap
-from simgap.gap.bounds.function import GapDomain
+from simgap.gap.bounds.function import GapDomain, Tier
 from simgap.gap.bounds.linear import LinearGap
-from simgap.gap.bounds.tiers import Tier
 from simgap.geometry import Box
 from simgap.io.documents import write_json
 from simgap.io.gap_file import load_gap
@@ -49,7 +48,7 @@ MADE = {"linear": (linear, CASE), "cells": (cells, CASE), "body_frame": (body, R
 
 
 @pytest.mark.parametrize("kind", MADE)
-def test_a_whole_bound_comes_back(tmp_path, kind):
+def test_a_checked_bound_comes_back(tmp_path, kind):
     made, case = MADE[kind]
     write_json(tmp_path / "gap.json", made().to_json() | {"eps": 0.1})
     read = load_gap(tmp_path / "gap.json", case)

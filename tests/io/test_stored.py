@@ -12,9 +12,9 @@ def test_numbers_come_back_from_a_file_without_a_name(tmp_path):
     for first, last in ((20, 50), (0, 7), (7, 20)):
         kept.put(first, d[first:last])
     assert np.array_equal(kept.whole(), d)
-    assert np.array_equal(kept.rows(5, 9), d[5:9])
-    assert np.array_equal(kept.take(np.array([49, 0, 3, 3])), d[[49, 0, 3, 3]])
-    assert kept.take(np.array([], dtype=np.int64)).shape == (0, 3)
+    assert np.array_equal(kept[5:9], d[5:9])
+    assert np.array_equal(kept[np.array([49, 0, 3, 3])], d[[49, 0, 3, 3]])
+    assert kept[np.array([], dtype=np.int64)].shape == (0, 3)
     assert kept.ends() == (d.min(), d.max())
     assert not list((tmp_path / "new").iterdir())
 

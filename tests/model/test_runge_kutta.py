@@ -7,9 +7,8 @@ import pytest
 import sympy as sp
 
 from simgap.errors import UserError
-from simgap.gap.sampling import gap_samples as samples
-from simgap.model.integrators import WRITTEN_OUT, sampling_rule
-from simgap.model.runge_kutta import RungeKutta
+from simgap.gap.sampling import samples
+from simgap.model.integrators import WRITTEN_OUT, RungeKutta, sampling_rule
 from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import SymbolicModel, Variable, symbol
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import yaml
 
+from simgap.config.gap import GapSection, LipschitzSection
 from simgap.config.load import load_case
 from simgap.errors import UserError
 from simgap.gap.bases import Expressions
 from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.sampling.points import product
 from simgap.gap.sampling.samples import GapSamples
-from simgap.gap.settings import GapSettings
 from simgap.geometry import Grid
 from simgap.io.controller_file import load_controller
 from simgap.io.documents import read_json, write_json
@@ -49,7 +49,7 @@ def bound(path, out):
     d = following - context.plant.sampled.step(x, u)
     samples = GapSamples(grid, context.input_set, d.reshape(grid.size, -1, 2), ("x1", "x2"), ("u",))
     terms = ("x1^2", "x2^2", "x1*x2", "x1", "x2", "u", "1")
-    settings = GapSettings(basis=Expressions(terms=terms), extreme_value=False)
+    settings = GapSection(basis=Expressions(terms=terms), lipschitz=LipschitzSection(extreme_value=False))
     record = provenance("gap", context.case, context.folder)
     write_json(out, fit_gap(samples, settings).function.to_json() | {"provenance": record})
 

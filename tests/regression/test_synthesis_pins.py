@@ -15,7 +15,7 @@ def test_invariance_of_the_pendulum(cells):
 
 @pytest.mark.parametrize("row", UNICYCLE)
 def test_reach_of_the_unicycle_on_bit_rows(row):
-    found = reach_avoid(*unicycle(*row), masks=False)
+    found = reach_avoid(*unicycle(*row))
     assert (int(found.winning.sum()), found.steps, found.backend) == (*UNICYCLE[row], "bit_rows")
 
 

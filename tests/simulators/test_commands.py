@@ -6,8 +6,8 @@ import pytest
 from simgap.config.load import load_case
 from simgap.config.plant import AddedEffect
 from simgap.errors import UserError
-from simgap.simulators.build import make_simulator
 from simgap.simulators.commands import CommandMemory, CommandPath
+from simgap.simulators.rollouts import make_simulator
 
 TAU, FINE = 0.02, 2000
 VALUES = [-1.0, 0.0, 1.0]

@@ -6,9 +6,8 @@ import yaml
 
 from simgap.config.load import load_case
 from simgap.errors import UserError
-from simgap.simulators.build import closed_form, make_simulator
 from simgap.simulators.process import run_in_processes
-from simgap.simulators.rollouts import roll_out
+from simgap.simulators.rollouts import closed_form, make_simulator, roll_out
 
 TAU = 0.005
 EQUATIONS = {

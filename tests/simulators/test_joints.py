@@ -6,10 +6,9 @@ import pytest
 from simgap.config.load import load_case
 from simgap.config.plant import AddedEffect
 from simgap.errors import UserError
-from simgap.simulators.build import make_simulator
 from simgap.simulators.joints import JointPlant, joint_forces
 from simgap.simulators.process import run_in_processes
-from simgap.simulators.rollouts import roll_out
+from simgap.simulators.rollouts import make_simulator, roll_out
 
 TAU, G = 0.005, 9.81
 MATCHED = {"linear": 0.0, "angular": 0.0, "joint": 0.0}

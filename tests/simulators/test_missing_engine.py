@@ -10,7 +10,7 @@ from simgap.errors import UserError, optional
 @pytest.mark.parametrize("module", ["pybullet", "mujoco"])
 def test_a_missing_engine_names_its_extra(module, root, monkeypatch):
     from simgap.config.load import load_case
-    from simgap.simulators.build import make_simulator
+    from simgap.simulators.rollouts import make_simulator
 
     monkeypatch.setitem(sys.modules, module, None)
     cases = root / "configs/cases"

@@ -247,7 +247,7 @@ def test_stops_and_dry_friction_of_the_file_are_where_the_gap_is_sampled_on_both
     path = rod({"joint": 'frictionloss="0.05" range="-0.1 1" limited="true"'})
     found = mjcf_findings.switches(load_case(path), tmp_path)
     assert {str(e) for e in found} == {str(symbol("x2")), str(symbol("x1") + 0.1), str(symbol("x1") - 1.0)}
-    from simgap.gap.sampling.border_samples import switching_surfaces
+    from simgap.gap.sampling.borders import switching_surfaces
 
     assert set(found) <= set(switching_surfaces(check.Context.load(path)))
 

@@ -116,4 +116,4 @@ def test_a_payload_is_on_the_base():
     light, heavy = make(), make(payload=5.0)
     slower = [robot.chain(np.zeros(3), INPUTS[:1])[0][1, 0] for robot in (light, heavy)]
     assert slower[1] < slower[0] - 0.02
-    assert heavy._model.body("base").mass[0] == pytest.approx(7.6 + 5.0)
+    assert heavy._run.model.body("base").mass[0] == pytest.approx(7.6 + 5.0)

@@ -1,16 +1,17 @@
 """Engines' processes end with the run that started them."""
 
-import multiprocessing
+import gc
 import os
 import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
-from simgap.simulators.process import engine_pool
+from simgap.simulators.process import EngineCrash, engine_pool, run_in_processes
 
 PARENT = """
 import sys
@@ -92,21 +93,49 @@ def test_a_killed_group_leaves_no_semaphore_or_memory_with_a_name(tmp_path):
     assert left == set()
 
 
-def interrupted_while_starting(started):
-    """Ctrl-C while a worker is being started: the pool has not noted it yet."""
-    before = set(multiprocessing.active_children())
+def children():
+    """Processes that this one started and that run."""
+    found = set()
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):  # it has ended
+            head, _, rest = path.read_text().rpartition(")")
+            if int(rest.split()[1]) == os.getpid() and rest.split()[0] != "Z":
+                found.add(int(head.split()[0]))
+    return found
+
+
+def interrupted_after(seconds):
     with engine_pool(2) as pool:
-        for _ in range(2):
+        for _ in range(4):
             pool.submit(time.sleep, 60)
-        started |= set(multiprocessing.active_children()) - before
-        del pool._processes[max(child.pid for child in started)]
+        time.sleep(seconds)
         raise KeyboardInterrupt
 
 
-def test_an_interrupt_ends_a_worker_that_the_pool_does_not_know_yet():
-    """The end of the program would wait for it."""
-    started = set()
+@pytest.mark.parametrize("seconds", [0.0, 0.3, 3.0])
+def test_an_interrupt_ends_the_processes_those_that_are_being_started_too(seconds):
+    """The end of the program would wait for them."""
+    before = children()
     with pytest.raises(KeyboardInterrupt):
-        interrupted_while_starting(started)
-    assert len(started) == 2
-    assert until(lambda: not any(child.is_alive() for child in started), 20)
+        interrupted_after(seconds)
+    assert until(lambda: children() <= before, 20)
+
+
+def test_results_errors_and_deaths_come_back_each_to_its_own_task(tmp_path):
+    with engine_pool(2) as pool:
+        good, bad = pool.submit(divmod, 7, 2), pool.submit(divmod, 7, 0)
+        assert good.result() == (3, 1)
+        with pytest.raises(ZeroDivisionError) as caught:
+            bad.result()
+        assert "serve" in caught.value.__notes__[0]
+    with pytest.raises(EngineCrash, match=rf"an engine process ended: it died; its output is in {tmp_path}"):
+        run_in_processes(os._exit, [(1,)], log=tmp_path / "log")
+
+
+def test_what_processes_share_is_closed_with_them():
+    run_in_processes(divmod, [(7, 2)])
+    gc.collect()
+    before = len(os.listdir("/proc/self/fd"))
+    run_in_processes(divmod, [(7, 2)] * 3, workers=2)
+    gc.collect()
+    assert len(os.listdir("/proc/self/fd")) == before

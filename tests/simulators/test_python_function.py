@@ -10,9 +10,8 @@ from simgap.config.function_file import FunctionFile
 from simgap.config.load import load_case
 from simgap.errors import SimgapError, UserError
 from simgap.provenance import sections_digest
-from simgap.simulators.build import make_simulator
 from simgap.simulators.process import run_in_processes
-from simgap.simulators.rollouts import roll_out
+from simgap.simulators.rollouts import make_simulator, roll_out
 from tests.little_cart import write_cart
 
 GOOD = """

@@ -69,7 +69,7 @@ class Tiny:
         table = self.offsets.astype(np.int32).reshape(-1)
         u = np.arange(INPUTS, dtype=float)[:, None]
         a = Abstraction(grid, u, table_post(), meta, np.zeros(1), table, self.axes, np.zeros(2))
-        return asked.solve(MeasuredGame(space, a, np.zeros(2)))
+        return asked.solve(MeasuredGame(space, (a,), np.zeros(2)))
 
 
 class Oracle:

@@ -17,8 +17,8 @@ from simgap.specifications.space import Space
 from simgap.synthesis.abstraction.cells import Abstraction
 from simgap.synthesis.abstraction.post import table_meta, table_post
 from simgap.synthesis.abstraction.swept import SweptCells
-from simgap.synthesis.games.game import LateGame, MeasuredGame
-from simgap.synthesis.games.pending import PendingGame
+from simgap.synthesis.games.game import MeasuredGame
+from simgap.synthesis.games.pending import LateGame
 
 INPUTS, PROBLEMS = 3, 100
 NAMES = "abc"
@@ -86,7 +86,7 @@ class Tiny:
         u = np.arange(INPUTS, dtype=float)[:, None]
         a = Abstraction(grid, u, table_post(), meta, np.zeros(1), table, axes, self.error, swept)
         stray = np.zeros(self.n)
-        game = LateGame(space, PendingGame.of(a), stray, self.first) if self.late else MeasuredGame(space, a, stray)
+        game = LateGame(space, (a,), stray, first=self.first) if self.late else MeasuredGame(space, (a,), stray)
         return asked.solve(game)
 
 
@@ -204,7 +204,9 @@ def test_a_plant_that_remembers_the_class_of_the_input_before(seed):
     low = rng.integers(-1, 2, (2, 2, 16, inputs))
     offsets = np.stack([low, low + (rng.random(low.shape) < 0.2)], axis=-1).astype(np.int32)
     boxes = [Abstraction(grid, u, table_post(), meta, np.zeros(1), o.reshape(-1), axes, np.zeros(2)) for o in offsets]
-    game = PendingGame(tuple(boxes), kind.astype(np.int64), threads=2)
+    first, rest = int(rng.integers(inputs)), int(rng.integers(2))
+    about = Space(("a", "b"), space, (1,)), tuple(boxes), np.zeros(2), 2, kind.astype(np.int64), rest
+    game = LateGame(*about, first)
     target = rng.random((2, 16, inputs)) < 0.3
     free = rng.random(16) < 0.9
 
@@ -230,22 +232,25 @@ def test_a_plant_that_remembers_the_class_of_the_input_before(seed):
             break
         level |= dict.fromkeys(new, steps)
         inputs_of |= new
-    found = game.reach(target, free)
-    assert found.value.reshape(-1).tolist() == [level.get(n, -1) for n in nodes]
-    rows = np.unpackbits(found.mask(), axis=1, count=inputs, bitorder="little").reshape(16, inputs, 2, inputs)
+    found = game.reach(np.moveaxis(target, 0, 2).reshape(-1), free)
+    assert np.moveaxis(found.value.reshape(16, inputs, 2), 2, 0).reshape(-1).tolist() == [
+        level.get(n, -1) for n in nodes
+    ]
+    rows = np.unpackbits(found.mask, axis=1, count=inputs, bitorder="little").reshape(16, inputs, 2, inputs)
     for c, at, p in nodes:
         assert np.flatnonzero(rows[at, p, c]).tolist() == inputs_of.get((c, at, p), [])
     kept = {n for n in nodes if free[n[1]]}
     while (left := {n for n in kept if choices(n, kept)}) != kept:
         kept = left
-    held = game.hold(free)
-    assert {tuple(n) for n in np.argwhere(held.inside).tolist()} == kept
-    rows = np.unpackbits(held.mask(), axis=1, count=inputs, bitorder="little").reshape(16, inputs, 2, inputs)
+    held = game.invariant(free)
+    served = np.moveaxis(held.served.reshape(16, inputs, 2), 2, 0)
+    assert {tuple(n) for n in np.argwhere(served).tolist()} == kept
+    assert held.winning.tolist() == [(rest, k, first) in kept for k in range(16)]
+    rows = np.unpackbits(held.mask, axis=1, count=inputs, bitorder="little").reshape(16, inputs, 2, inputs)
     for c, at, p in kept:
         assert np.flatnonzero(rows[at, p, c]).tolist() == choices((c, at, p), kept)
     # A run begins at rest, in the class of rest, whatever input acts first.
-    first, rest = int(rng.integers(inputs)), int(rng.integers(2))
-    solution = LateGame(Space(("a", "b"), space, (1,)), game, np.zeros(2), first, rest).reach(target[0, :, 0], free)
+    solution = game.reach(target[0, :, 0], free)
     goal = {(c, k, p) for c, k, p in nodes if target[0, k, 0] and free[k]}
     level = dict.fromkeys(goal, 0)
     while new := [n for n in nodes if n not in level and free[n[1]] and choices(n, set(level))]:

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from simgap.config.gap import GapSection, LipschitzSection
 from simgap.gap.bases import Expressions
 from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.sampling.points import product
 from simgap.gap.sampling.samples import GapSamples
-from simgap.gap.settings import GapSettings
 from simgap.geometry import Grid
 from simgap.io.documents import read_json, write_json
 from simgap.io.parquet import read_parquet
@@ -63,7 +63,7 @@ def bound(path, out):
     ((following, _),) = run_in_processes(roll_out, [(context.case, context.folder, x, u)])
     d = following - context.plant.sampled.step(x, u)
     samples = GapSamples(grid, context.input_set, d.reshape(grid.size, -1, 2), ("x1", "x2"), ("u",))
-    settings = GapSettings(basis=Expressions(terms=TERMS), extreme_value=False)
+    settings = GapSection(basis=Expressions(terms=TERMS), lipschitz=LipschitzSection(extreme_value=False))
     record = provenance("gap", context.case, context.folder)
     write_json(out, fit_gap(samples, settings).function.to_json() | {"provenance": record})
     return out

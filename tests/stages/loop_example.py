@@ -8,12 +8,12 @@ import numpy as np
 import pyarrow as pa
 import yaml
 
+from simgap.config.gap import GapSection, LipschitzSection
 from simgap.config.load import load_case
 from simgap.gap.bases import Expressions
 from simgap.gap.fitting.acceptance import check_fresh
 from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.sampling.samples import GapSamples
-from simgap.gap.settings import GapSettings
 from simgap.geometry import Box, Grid
 from simgap.io.controller_file import save_controller
 from simgap.io.documents import write_json
@@ -152,7 +152,9 @@ def _write_gap(folder, box, inputs, states, input_names, gap, units):
     d = np.ascontiguousarray(gap(x, inputs[None].repeat(grid.size, 0)))
     terms = ("x1", "x2", "u", "1") if box.size == 2 else ("v", "w", "1")
     samples = GapSamples(grid, inputs, d, states, input_names)
-    result = fit_gap(samples, GapSettings(basis=Expressions(terms=terms), extreme_value=False))
+    result = fit_gap(
+        samples, GapSection(basis=Expressions(terms=terms), lipschitz=LipschitzSection(extreme_value=False))
+    )
     rng = np.random.default_rng(1)
     fresh_x, fresh_u = box.sample(rng, 200), inputs[rng.integers(0, len(inputs), 200)]
     check = check_fresh(result.function, fresh_x, fresh_u, gap(fresh_x, fresh_u))

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from simgap.gap.sampling.border_samples import CHECK, FIT, border_columns, border_states
+from simgap.gap.sampling.borders import CHECK, FIT, border_columns, border_states
 from simgap.gap.sampling.points import own_point, product, remembers, shard_count, successor_columns, units
 from simgap.plants.context import Context
 from simgap.provenance import provenance

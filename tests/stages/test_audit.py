@@ -282,6 +282,6 @@ def workers(parent):
             status, command = (path / "stat").read_text(), (path / "cmdline").read_bytes()
         except OSError:
             continue
-        if int(status.rpartition(")")[2].split()[1]) == parent and b"spawn_main" in command:
+        if int(status.rpartition(")")[2].split()[1]) == parent and b"serve(pipe" in command:
             found.append(int(path.name))
     return found

@@ -7,7 +7,7 @@ from simgap.config.load import load_case
 from simgap.io.controller_file import load_controller
 from simgap.io.documents import read_json
 from simgap.plants.context import Context
-from simgap.simulators.build import make_simulator
+from simgap.simulators.rollouts import make_simulator
 from simgap.stages import check, fresh, synthesis, validation
 from tests.stages import road
 

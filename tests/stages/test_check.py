@@ -293,30 +293,6 @@ def test_one_input_a_cell_is_refused_before_anything_runs_where_it_cannot_be_kep
     assert refused.value.key == "synthesis.record"
 
 
-@pytest.mark.parametrize(
-    ("changes", "what"),
-    [
-        ({"sensing": {"latency": 1}}, "a late measurement"),
-        (
-            {
-                "synthesis.specification": {
-                    "kind": "reach_avoid",
-                    "target": {"q": [0.1, 0.2], "w": [-0.5, 0.5]},
-                }
-            },
-            "to be reached",
-        ),
-    ],
-)
-def test_layers_are_refused_before_anything_runs_where_they_are_not_made(tmp_path, changes, what):
-    aim = {"kind": "invariance", "safe": {"q": [0, 0.2], "w": [-0.5, 0.5]}}
-    plain = {"synthesis": {"cells": [10, 10], "specification": aim, "layers": 3}}
-    refuse_specification(Context.load(written(tmp_path, case=plain)))
-    with pytest.raises(UserError, match=what) as refused:
-        refuse_specification(Context.load(written(tmp_path, case=plain | changes)))
-    assert refused.value.key == "synthesis.layers"
-
-
 @pytest.mark.parametrize(("rests", "least", "most"), [([0.01], 0.01, 0.02), ([0.0, 0.05, 0.0], 0.0, 0.01)])
 def test_what_an_engine_costs_is_not_what_a_busy_machine_makes_of_it(monkeypatch, rests, least, most):
     """Waiting in every roll-out is the engine's; in some, it is others that run meanwhile."""
@@ -335,7 +311,7 @@ def test_what_an_engine_costs_is_not_what_a_busy_machine_makes_of_it(monkeypatch
         def close(self):
             pass
 
-    monkeypatch.setattr("simgap.simulators.build.make_simulator", lambda case, folder: Slow())
+    monkeypatch.setattr("simgap.simulators.rollouts.make_simulator", lambda case, folder: Slow())
     _, seconds = engine.ask_engine(None, None, np.zeros((3, 2)), np.zeros((3, 1)))
     assert least <= seconds < most
 
@@ -355,7 +331,7 @@ def test_what_an_engine_costs_is_that_of_many_rollouts_at_once(monkeypatch):
         def close(self):
             pass
 
-    monkeypatch.setattr("simgap.simulators.build.make_simulator", lambda case, folder: Vectorised())
+    monkeypatch.setattr("simgap.simulators.rollouts.make_simulator", lambda case, folder: Vectorised())
     _, seconds = engine.ask_engine(None, None, np.zeros((3, 2)), np.zeros((3, 1)))
     assert seconds < 2e-5
 

@@ -8,9 +8,9 @@ import pytest
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bounds.load import from_json
 from simgap.gap.fitting.acceptance import check_fresh
-from simgap.gap.sampling.border_samples import directed_samples
-from simgap.gap.sampling.gap_samples import check_drawn
+from simgap.gap.sampling.borders import directed_samples
 from simgap.gap.sampling.points import Points, draw, product
+from simgap.gap.sampling.samples import check_drawn
 from simgap.geometry import Grid
 from simgap.io.documents import read_json
 from simgap.plants.context import Context

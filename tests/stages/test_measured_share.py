@@ -8,12 +8,12 @@ import pyarrow as pa
 import pytest
 import yaml
 
+from simgap.config.gap import GapSection, LipschitzSection
 from simgap.config.load import load_case, parse_case
 from simgap.diagnosis.record.conditions import conditioned
 from simgap.gap.bases import Expressions
 from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.sampling.samples import GapSamples
-from simgap.gap.settings import GapSettings
 from simgap.geometry import Grid
 from simgap.io.parquet import stack
 from simgap.plants.context import Context
@@ -45,7 +45,9 @@ def constant_gap(context, half):
     grid = Grid(context.box, (6, 6))
     d = np.zeros((grid.size, 3, 2))
     samples = GapSamples(grid, context.input_set, d - half, ("q", "v"), ("u",), d + half)
-    return fit_gap(samples, GapSettings(basis=Expressions(terms=("1",)), extreme_value=False)).function
+    return fit_gap(
+        samples, GapSection(basis=Expressions(terms=("1",)), lipschitz=LipschitzSection(extreme_value=False))
+    ).function
 
 
 def test_the_share_is_that_of_a_count_by_hand(context):

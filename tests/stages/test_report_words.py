@@ -5,7 +5,8 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 from simgap.config.validation import ValidationSection
-from simgap.gap.bounds.tiers import PROVEN, deterministic_tier
+from simgap.gap.bounds.function import PROVEN
+from simgap.gap.fitting.dimension_fit import deterministic_tier
 from simgap.report import headline, tables
 from simgap.report.content import unproven
 from simgap.report.headline import little_won

@@ -9,6 +9,7 @@ import yaml
 
 from simgap.cli import main
 from simgap.closed_loop import Sensing, closed_loop
+from simgap.config.gap import GapSection, LipschitzSection
 from simgap.config.load import case_content
 from simgap.gap.bases import Expressions
 from simgap.gap.bounds.body_frame import BodyFrameGap
@@ -16,7 +17,6 @@ from simgap.gap.bounds.function import GapDomain
 from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.sampling.points import product
 from simgap.gap.sampling.samples import GapSamples
-from simgap.gap.settings import GapSettings
 from simgap.geometry import Box, Grid
 from simgap.io.controller_file import load_controller
 from simgap.io.documents import read_json, write_json
@@ -55,7 +55,7 @@ def bound(path, out):
     names = tuple(context.states), tuple(context.inputs)
     samples = GapSamples(grid, context.input_set, d.reshape(grid.size, -1, 2), *names)
     terms = ("x1^2", "x2^2", "x1*x2", "x1", "x2", "u", "1")
-    settings = GapSettings(basis=Expressions(terms=terms), extreme_value=False)
+    settings = GapSection(basis=Expressions(terms=terms), lipschitz=LipschitzSection(extreme_value=False))
     record = provenance("gap", context.case, context.folder)
     write_json(out, fit_gap(samples, settings).function.to_json() | {"provenance": record})
 

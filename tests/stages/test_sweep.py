@@ -15,9 +15,8 @@ from simgap.config.sweep import points_of_sweep
 from simgap.errors import UserError
 from simgap.extras.wizard import new_case as new
 from simgap.gap.bounds.basis import Basis, Form
-from simgap.gap.bounds.function import GapDomain
+from simgap.gap.bounds.function import GapDomain, Tier
 from simgap.gap.bounds.linear import LinearGap
-from simgap.gap.bounds.tiers import Tier
 from simgap.geometry import Box
 from simgap.io.documents import write_json
 from simgap.provenance import sections_digest

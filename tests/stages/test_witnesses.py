@@ -10,13 +10,12 @@ from simgap.attack.histories import HistoryQuestion, search_histories
 from simgap.attack.witness import Witness
 from simgap.config.load import case_content
 from simgap.gap.bounds.body_frame import BodyFrameGap
-from simgap.gap.bounds.function import GapDomain
-from simgap.gap.bounds.tiers import Tier
+from simgap.gap.bounds.function import GapDomain, Tier
 from simgap.io.documents import write_json
 from simgap.io.rerun.closed_loop import read_curves
 from simgap.plants.context import Context
 from simgap.provenance import provenance
-from simgap.simulators.build import make_simulator
+from simgap.simulators.rollouts import make_simulator
 from simgap.stages import replay
 
 

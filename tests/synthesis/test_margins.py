@@ -7,7 +7,6 @@ import pytest
 
 from simgap.geometry import Box, Grid
 from simgap.synthesis.abstraction.nominal import nominal_abstraction
-from simgap.synthesis.games.game import reach_by_classes
 from simgap.synthesis.games.invariance import invariance
 from simgap.synthesis.games.reach import reach_avoid
 from simgap.synthesis.margins import LARGEST_FACTOR, Remembered, one_step_margins, shown_layers
@@ -120,11 +119,11 @@ def test_margins_after_an_input_of_a_class_are_those_of_the_definition():
     centres = grid.centres()
     target = (centres[:, 0] > 2) & (centres[:, 1] > 2)
     boxes = [nominal_abstraction(model, grid, inputs, gap, (2,)) for gap in gaps]
-    won = reach_by_classes(boxes, kind, target, np.ones(grid.size, bool))
-    sets = won.value >= 0
+    won = reach_avoid(boxes, target, np.ones(grid.size, bool), kind=kind)
+    sets, masks = won.winning.reshape(-1, 2), won.mask.reshape(grid.size, 2, -1)
     assert (sets[:, 0] & ~sets[:, 1]).any()  # the class matters
     for c, gap in enumerate(gaps):
-        own, mask = sets[:, c], np.ascontiguousarray(won.mask[:, c])
+        own, mask = sets[:, c], np.ascontiguousarray(masks[:, c])
         found = one_step_margins(model, grid, inputs, gap, own, mask, (2,), None, Remembered(sets, kind))
         moving = own & ~target
         assert np.array_equal(~np.isnan(found.factor), moving)

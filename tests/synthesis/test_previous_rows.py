@@ -1,5 +1,7 @@
 """The game over cells and classes of the previous input, against an oracle written from its definition."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,6 @@ from simgap.specifications.solution import after_choice
 from simgap.synthesis.abstraction.cells import Abstraction
 from simgap.synthesis.abstraction.post import table_meta, table_post
 from simgap.synthesis.abstraction.swept import SweptCells
-from simgap.synthesis.games.game import reach_by_classes
 from simgap.synthesis.games.reach import reach_avoid
 from simgap.synthesis.input_sets import unpack
 
@@ -87,32 +88,21 @@ def test_levels_and_inputs_are_those_of_the_definition(swept):
         boxes = [made_up(rng, swept) for _ in range(classes)]
         free = rng.random(GRID.size) < 0.9
         target = rng.random(GRID.size) < 0.3
-        found = reach_by_classes([own for own, _, _ in boxes], kind, target, free, threads=1)
         level, admissible = oracle(boxes, kind, target, free)
-        for k in range(GRID.size):
-            for c in range(classes):
-                assert found.value[k, c] == level.get((k, c), -1)
-                assert np.flatnonzero(unpack(found.mask[k, c], INPUTS)).tolist() == admissible.get((k, c), [])
+        for backend in ("bit_rows",) if swept else ("bit_rows", "table"):
+            found = reach_avoid([own for own, _, _ in boxes], target, free, backend=backend, kind=kind)
+            for node, (k, c) in enumerate(np.ndindex(GRID.size, classes)):
+                assert found.value[node] == level.get((k, c), -1)
+                assert np.flatnonzero(unpack(found.mask[node], INPUTS)).tolist() == admissible.get((k, c), [])
         won += len(admissible)
     assert won > 1000  # the problems are not all trivial
 
 
-def test_one_class_is_the_game_without_classes():
-    rng = np.random.default_rng(5)
-    for _ in range(20):
-        own, _, _ = made_up(rng, swept=False)
-        free, target = rng.random(GRID.size) < 0.9, rng.random(GRID.size) < 0.3
-        one = reach_by_classes([own], np.zeros(INPUTS, np.int64), target, free)
-        plain = reach_avoid(own, target, free)
-        assert np.array_equal(one.value[:, 0], plain.value)
-        assert np.array_equal(one.mask[:, 0], plain.mask)
-
-
-def test_where_no_axis_allows_bit_rows_the_classes_are_refused():
-    own, _, _ = made_up(np.random.default_rng(0), swept=False)
-    full = Abstraction(GRID, own.inputs, own.post, own.meta, own.data, own.table, ((0, 1), (0, 1)), own.error)
-    with pytest.raises(UserError, match="classes of the previous input"):
-        reach_by_classes([full], np.zeros(INPUTS, np.int64), np.ones(GRID.size, bool), np.ones(GRID.size, bool))
+def test_a_path_between_samples_is_refused_where_no_axis_allows_bit_rows():
+    own, _, _ = made_up(np.random.default_rng(0), swept=True)
+    busy, everything = replace(own, axes=((0, 1), (0, 1))), np.ones(GRID.size, bool)
+    with pytest.raises(UserError, match="checked on bit rows only"):
+        reach_avoid([busy, busy], everything, everything, kind=np.arange(INPUTS) % 2)
 
 
 def test_a_controller_remembers_the_class_of_what_it_applied_and_what_is_pending():

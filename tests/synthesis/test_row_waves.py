@@ -11,7 +11,7 @@ from simgap.synthesis.abstraction.post import reduced_cells, table_meta, table_p
 from simgap.synthesis.abstraction.swept import SweptCells
 from simgap.synthesis.games.reach import reach_avoid
 from simgap.synthesis.games.reach_rows import Levels, reach_by_rows
-from simgap.synthesis.games.row_moves import RowSystem, smallest_boxes
+from simgap.synthesis.games.row_moves import RowSystem
 from simgap.synthesis.input_sets import unpack
 
 INPUTS = 11
@@ -109,7 +109,6 @@ def test_levels_and_inputs_are_those_of_the_definition(name):
             found = reach_avoid(own, target, free, threads, backend="bit_rows")
             assert np.array_equal(found.value, value)
             assert np.array_equal(unpack(found.mask, INPUTS), mask)
-        assert np.array_equal(reach_avoid(own, target, free, backend="bit_rows", masks=False).value, value)
         order = rng.permutation(INPUTS)
         first = np.where(mask.any(axis=1), order[np.argmax(mask[:, order], axis=1)], -1)
         for backend, threads in (("bit_rows", 1), ("bit_rows", 2), ("table", 1)):
@@ -132,24 +131,10 @@ def test_more_entries_than_there_is_room_for(monkeypatch):
     plain = Levels._make_room
     monkeypatch.setattr(Levels, "_make_room", lambda self, n: grown.append(n) or plain(self, n))
     system = RowSystem.of(own)
-    value, mask, _ = reach_by_rows([system], np.zeros(INPUTS, int), target, np.ones(own.grid.size, bool), 2, masks=True)
+    value, mask, _ = reach_by_rows([system], np.zeros(INPUTS, int), target, np.ones(own.grid.size, bool), 2)
     assert len(grown) > 1
     assert np.array_equal(value[:, 0], wanted[0])
     assert np.array_equal(unpack(mask[:, 0], INPUTS), wanted[1])
-
-
-def test_what_is_left_of_the_boxes_lies_in_every_other():
-    rng = np.random.default_rng(3)
-    lower = rng.integers(-3, 3, (2, 300, 2)).astype(np.int32)
-    upper = lower + rng.integers(0, 4, lower.shape).astype(np.int32)
-    kept = smallest_boxes(lower, upper)
-    for layer in range(2):
-        left = np.flatnonzero(kept[layer])
-        inside = np.all(
-            (lower[layer][left][:, None] >= lower[layer][None]) & (upper[layer][left][:, None] <= upper[layer][None]), 2
-        )
-        assert inside.any(axis=0).all()  # every box holds one that is left
-        assert inside[:, left].sum() == len(left)  # and those that are left hold none but themselves
 
 
 def test_a_box_turns_with_its_axis_however_far_it_is():

@@ -147,7 +147,7 @@ def test_a_winning_cell_has_an_input_whose_box_stays_winning(cells):
     grid = Grid(region, [10 * c for c in cells])
     a = nominal_abstraction(model, grid, inputs, constant_gap(1e-4, 1e-4), ())
     space = Space(("x1", "x2"), region)
-    game = MeasuredGame(space, a, np.zeros(2))
+    game = MeasuredGame(space, (a,), np.zeros(2))
     solution = Invariance(kind="invariance", safe={"x1": (0.0, 0.2)}).solve(game)
     assert 0.3 < solution.fraction < 1
     winning = solution.winning.reshape(grid.cells)

@@ -8,8 +8,7 @@ import pytest
 
 from simgap.errors import UserError
 from simgap.gap.bounds.body_frame import BodyFrameGap
-from simgap.gap.bounds.function import GapDomain
-from simgap.gap.bounds.tiers import Tier
+from simgap.gap.bounds.function import GapDomain, Tier
 from simgap.geometry import Box, Grid
 from simgap.io.documents import read_json, write_json
 from simgap.plants.context import Context

@@ -169,7 +169,7 @@ def test_each_stage_of_the_bound_is_kept_for_itself(project, change, again):
     [
         ("fitting/scenario.py", {"scp", "gap"}),
         ("lipschitz/estimates.py", {"lipschitz"}),
-        ("whole_bound.py", {"gap"}),
+        ("checked_bound.py", {"gap"}),
     ],
 )
 def test_an_edited_core_reruns_the_stages_that_use_it(project, file, again):

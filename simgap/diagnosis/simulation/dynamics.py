@@ -20,7 +20,7 @@ from numba.extending import intrinsic
 from simgap.arrays import Floats, Ints
 from simgap.late import sympy as sp
 from simgap.model.compile import compile_kernel
-from simgap.model.kept import kept_as
+from simgap.model.kernel_cache import cached_kernel_as
 from simgap.model.symbolic import SymbolicModel, kinds, symbol
 
 VECTOR, MATRIX, INDICES, FLAGS = float64[::1], float64[:, ::1], int64[::1], boolean[::1]
@@ -124,7 +124,7 @@ def compile_dynamics(plant: SymbolicModel, costly: Costly, theta: tuple[sp.Symbo
 def _slope(main: Any, rest: Any, nx: int) -> Any:
     """Xdot with the signs of what sticks solved for: what they are without a grip, over what a whole one adds."""
 
-    @kept_as(SLOPE_SIGNATURE)
+    @cached_kernel_as(SLOPE_SIGNATURE)
     def slope(x: Any, u: Any, c: Any, s: Any, stuck: Any, speed: Any, out: Any) -> None:
         gate, count, free = c[0] != 0.0, 0, 0.0
         for j in range(speed.size):
@@ -160,7 +160,7 @@ def _slope(main: Any, rest: Any, nx: int) -> Any:
 def _held(slope: Any, nx: int, m: int) -> Any:
     """Classical Runge-Kutta steps while something sticks."""
 
-    @kept_as(STEP_SIGNATURE)
+    @cached_kernel_as(STEP_SIGNATURE)
     def held(
         x: Any, u: Any, middle: Any, last: Any, c: Any, s: Any, stuck: Any, speed: Any, h: Any, steps: Any, at: Any,
         rate: Any, v: Any,
@@ -186,7 +186,7 @@ def _held(slope: Any, nx: int, m: int) -> Any:
 def _free(main: Any, rest: Any, nx: int, m: int) -> Any:
     """Likewise while nothing sticks: the dynamics are inlined, as nearly all steps of a search are these."""
 
-    @kept_as(STEP_SIGNATURE)
+    @cached_kernel_as(STEP_SIGNATURE)
     def free(
         x: Any, u: Any, middle: Any, last: Any, c: Any, s: Any, stuck: Any, speed: Any, h: Any, steps: Any, at: Any,
         rate: Any, v: Any,

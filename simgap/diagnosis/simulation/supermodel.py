@@ -22,7 +22,7 @@ from simgap.effects.drive_train import DriveTrainEffect, with_motor
 from simgap.errors import UserError
 from simgap.late import sympy as sp
 from simgap.model.compile import Kernel, compile_kernel
-from simgap.model.kept import kept_as
+from simgap.model.kernel_cache import cached_kernel_as
 from simgap.model.symbolic import SymbolicModel, symbol
 
 _ROWS = types.Array(types.float64, 2, "C")
@@ -269,7 +269,7 @@ def _past(candidates: list[Candidate], theta: tuple[sp.Symbol, ...]) -> Any:
 
 
 def _rowwise(kernel: Kernel) -> Any:
-    @kept_as(_ROWWISE)
+    @cached_kernel_as(_ROWWISE)
     def rows(x: Any, th: Any, out: Any) -> None:
         for k in range(x.shape[0]):
             values = kernel(x[k], th)

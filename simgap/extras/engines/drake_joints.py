@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib import metadata
 from typing import Any, Literal
 
@@ -13,9 +13,10 @@ from simgap.arrays import Floats
 from simgap.config.simulator import EngineSection
 from simgap.errors import UserError
 from simgap.plants.model_file import Link
-from simgap.plants.urdf_checks import check_urdf, loading, root_link
+from simgap.plants.urdf import add_welded, moving_bodies
+from simgap.plants.urdf_checks import check_urdf
 from simgap.simulators.base import FileTraits
-from simgap.simulators.joints import JointEngine, JointPlant, joint_forces
+from simgap.simulators.joints import JointEngine, JointPlant
 
 
 class DrakeSettings(EngineSection):
@@ -38,12 +39,9 @@ class DrakeJoints(JointEngine):
     file_traits = FileTraits(stops=True)
 
     def __init__(self, plant: JointPlant, section: DrakeSettings) -> None:
-
         check_urdf(plant.file)
-        self.nx, self.nu = plant.nx, plant.nu
+        super().__init__(plant, section)
         self.engine = f"drake {metadata.version('drake')}"
-        self._plant, self._substeps = plant, section.substeps
-        self._forces = joint_forces(plant, section.effects)
         self._diagram, self._bodies = _diagram(plant, section)
         self._context = self._diagram.CreateDefaultContext()
         self._own = self._bodies.GetMyMutableContextFromRoot(self._context)
@@ -58,7 +56,7 @@ class DrakeJoints(JointEngine):
 
     def loaded(self) -> Mapping[str, Link]:
         """See `Simulator.loaded`."""
-        return {name: _link(body) for name, body in _moving(self._bodies).items()}
+        return {body.name(): _link(body) for body in moving_bodies(self._bodies)}
 
     def reset(self, x: Floats) -> None:
         """Set every joint's position and velocity: x (nx,)."""
@@ -67,27 +65,19 @@ class DrakeJoints(JointEngine):
         self._context.SetTime(0.0)
         self._bodies.SetPositionsAndVelocities(self._own, np.concatenate([q, v]))
 
-    def advance(self, u: Floats) -> Floats:
-        """Hold u (nu,) for tau, effects evaluated at every engine step: -> (nx,)."""
-        torques: Any = [sum(u[i] for i in drive) for drive in self._plant.inputs]
+    def _read(self) -> tuple[Floats, Floats]:
+        q, v = self._bodies.GetPositions(self._own), self._bodies.GetVelocities(self._own)
+        return q[self._q], v[self._v]
+
+    def _step(self, torques: Sequence[float]) -> None:
         force = np.zeros(self._bodies.num_velocities())
-        for k in range(self._substeps):
-            if self._forces is not None or k == 0:
-                if self._forces is not None:
-                    q, v = self._bodies.GetPositions(self._own), self._bodies.GetVelocities(self._own)
-                    torques = self._forces(*q[self._q], *v[self._v], *u)
-                force[self._v] = torques
-                self._push.FixValue(self._own, force)
-            self._context.SetDiscreteState(self._diagram.EvalUniquePeriodicDiscreteUpdate(self._context))
-        x = np.empty(self.nx)
-        x[list(self._plant.positions)] = self._bodies.GetPositions(self._own)[self._q]
-        x[list(self._plant.velocities)] = self._bodies.GetVelocities(self._own)[self._v]
-        return x
+        force[self._v] = torques
+        self._push.FixValue(self._own, force)
+        self._context.SetDiscreteState(self._diagram.EvalUniquePeriodicDiscreteUpdate(self._context))
 
 
 def _diagram(plant: JointPlant, section: DrakeSettings) -> tuple[Any, Any]:
     """The diagram of plant and geometry, and the plant in it."""
-    from pydrake.multibody.parsing import Parser
     from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, DiscreteContactApproximation, MultibodyPlant
     from pydrake.systems.framework import DiagramBuilder
 
@@ -101,20 +91,8 @@ def _diagram(plant: JointPlant, section: DrakeSettings) -> tuple[Any, Any]:
     bodies.set_discrete_contact_approximation(approximations[section.approximation])
     bodies.SetUseSampledOutputPorts(False)  # its state is then (q, v) alone
     bodies.mutable_gravity_field().set_gravity_vector([0.0, 0.0, -plant.gravity])
-    with loading("Drake", plant.file):
-        (model,) = Parser(bodies).AddModels(plant.file)
-        root = root_link(plant.file)
-        if root != "world":
-            bodies.WeldFrames(bodies.world_frame(), bodies.GetFrameByName(root, model))
-        bodies.Finalize()
-        return builder.Build(), bodies
-
-
-def _moving(bodies: Any) -> dict[str, Any]:
-    from pydrake.multibody.tree import BodyIndex
-
-    found = (bodies.get_body(BodyIndex(k)) for k in range(bodies.num_bodies()))
-    return {body.name(): body for body in found if not bodies.IsAnchored(body)}
+    add_welded(bodies, plant.file)
+    return builder.Build(), bodies
 
 
 def _link(body: Any) -> Link:

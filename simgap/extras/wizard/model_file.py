@@ -21,8 +21,7 @@ from simgap.io.model_export import write_inertial
 from simgap.io.wheeled_urdf import numbers
 from simgap.late import scipy
 from simgap.model.tree import Tree
-from simgap.plants.model_file import FileJoint, ModelFile, read_model_file
-from simgap.plants.premise import base_of
+from simgap.plants.model_file import FileJoint, ModelFile, base_of, read_model_file
 from simgap.plants.urdf import load_tree
 from simgap.plants.urdf_checks import check_urdf, inside_folders, root_link
 

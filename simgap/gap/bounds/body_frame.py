@@ -12,7 +12,7 @@ pi or an odd multiple of pi/2.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -21,12 +21,23 @@ import numpy as np
 
 from simgap.arrays import Floats, Ints
 from simgap.errors import UserError
-from simgap.gap.bounds.function import GapDomain, GapFunction, GapSuprema, Kernel, input_index
+from simgap.gap.bounds.function import (
+    GapDomain,
+    GapFunction,
+    GapSuprema,
+    Kernel,
+    Tier,
+    input_index,
+    require,
+    require_sides,
+    sides_by_state,
+    sides_from,
+)
 from simgap.gap.bounds.previous import PreviousClasses
-from simgap.gap.bounds.tiers import Tier
 from simgap.gap.thresholds import NOMINAL_TOLERANCE
 from simgap.late import njit
-from simgap.model.kept import kept
+from simgap.model.kernel_cache import cached_kernel
+from simgap.simulators.body_samples import to_body
 
 _ROTATION_SLACK = 1e-13  # relative: arctan2, cos and hypot are each off by some 1e-16, angles are below 100 rad
 
@@ -57,16 +68,6 @@ def rotated_box(t0, t1, a0, a1, b0, b1):  # type: ignore[no-untyped-def]
         y0, y1 = min(y0, r * low), max(y1, r * high)
     slack = _ROTATION_SLACK * (max(abs(a0), abs(a1)) + max(abs(b0), abs(b1))) * (1.0 + abs(t0) + abs(t1)) + 1e-300
     return x0 - slack, x1 + slack, y0 - slack, y1 + slack
-
-
-def to_body(d: Floats, heading: Floats, pose: tuple[int, int, int] = (0, 1, 2)) -> Floats:
-    """Differences (n, 3) of the world turned into the frames of the given headings (n,): R(-heading) d."""
-    i, j, _ = pose
-    cos, sin = np.cos(heading), np.sin(heading)
-    out = d.copy()
-    out[..., i] = cos * d[..., i] + sin * d[..., j]
-    out[..., j] = -sin * d[..., i] + cos * d[..., j]
-    return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,20 +168,15 @@ class BodyFrameGap(GapFunction):
         own = None if self.by_class is None else (self.by_class[0] - below, self.by_class[1] + above)
         return replace(self, lower=self.lower - below, upper=self.upper + above, by_class=own)
 
-    def with_tiers(self, tiers: Sequence[Tier]) -> BodyFrameGap:
-        """The same bound with other guarantee tiers."""
-        return replace(self, tiers=tuple(tiers))
-
     def _kernel(self) -> Kernel:
         """See `GapFunction._kernel`."""
         inputs, limit_lo, limit_hi, lower, upper, i, j, k = self._tables()
 
-        @kept
+        @cached_kernel
         def bounds_over_box(xlo, xhi, u, lo, hi):  # type: ignore[no-untyped-def]
             _over_box(xlo, xhi, u, lo, hi, inputs, limit_lo, limit_hi, lower, upper, i, j, k)
 
-        result: Kernel = bounds_over_box
-        return result
+        return bounds_over_box
 
     def _tables(self) -> tuple[Any, ...]:
         return self.domain.input_set, *self.domain.limits(), self.lower, self.upper, *self.pose
@@ -191,10 +187,7 @@ class BodyFrameGap(GapFunction):
             "kind": "body_frame",
             "meaning": "lower <= simulator - nominal <= upper in the frame of the robot, one row per input",
             "pose": [states[n] for n in self.pose],
-            "gap": {
-                s: {"lower": self.lower[:, n].tolist(), "upper": self.upper[:, n].tolist()}
-                for n, s in enumerate(states)
-            },
+            "gap": sides_by_state(states, self.lower, self.upper),
         } | self._content_of_classes()
 
     def _content_of_classes(self) -> dict[str, Any]:
@@ -203,19 +196,32 @@ class BodyFrameGap(GapFunction):
         lower, upper = (own.tolist() for own in self.by_class)
         return {"previous_input": self.previous.to_json() | {"lower": lower, "upper": upper}}
 
-    @staticmethod
-    def from_content(data: Mapping[str, Any], domain: GapDomain, tiers: tuple[Tier, ...]) -> BodyFrameGap:
+    @classmethod
+    def from_content(cls, data: Mapping[str, Any], domain: GapDomain, tiers: tuple[Tier, ...]) -> BodyFrameGap:
         """The inverse of `_content`."""
-        names = domain.states
-        lower, upper = (
-            np.stack([np.array(data["gap"][s][side]) for s in names], axis=-1) for side in ("lower", "upper")
-        )
-        x, y, heading = (names.index(s) for s in data["pose"])
+        x, y, heading = (domain.states.index(s) for s in data["pose"])
+        found = cls(domain, tiers, *sides_from(data["gap"], domain.states), (x, y, heading))
         if "previous_input" not in data:
-            return BodyFrameGap(domain, tiers, lower, upper, (x, y, heading))
+            return found
         own = data["previous_input"]
         sides = np.array(own["lower"], dtype=np.float64), np.array(own["upper"], dtype=np.float64)
-        return BodyFrameGap(domain, tiers, lower, upper, (x, y, heading), PreviousClasses.from_json(own), sides)
+        return replace(found, previous=PreviousClasses.from_json(own), by_class=sides)
+
+    def check(self) -> None:
+        """See `GapFunction.check`."""
+        require(sorted(self.pose) == [0, 1, 2] and len(self.domain.states) == 3, "its pose is not x, y and heading")
+        shape = (len(self.domain.input_set), 3)
+        require_sides(self.lower, self.upper, shape)
+        if self.previous is None or self.by_class is None:
+            return
+        kind, count = self.previous.kind, len(self.by_class[0])
+        require(kind.shape == shape[:1] and count > 0, "its classes are not one for each input")
+        require(np.isin(np.append(kind, self.previous.rest), np.arange(count)).all(), "its classes are not numbered")
+        require_sides(*self.by_class, (count, *shape), " after a class")
+        require(
+            (self.lower <= self.by_class[0].min(axis=0)).all() and (self.by_class[1].max(axis=0) <= self.upper).all(),
+            "its bound after any input does not hold those after each class",
+        )
 
 
 @njit(cache=True, error_model="numpy")

@@ -6,17 +6,28 @@ border shared by cells all of them apply, so a bound over a box is the extreme o
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.gap.bounds.function import GapDomain, GapFunction, GapSuprema, Kernel, input_index
-from simgap.gap.bounds.tiers import Tier
+from simgap.gap.bounds.function import (
+    GapDomain,
+    GapFunction,
+    GapSuprema,
+    Kernel,
+    Tier,
+    input_index,
+    require,
+    require_finite,
+    require_sides,
+    sides_by_state,
+    sides_from,
+)
 from simgap.late import njit
-from simgap.model.kept import kept
+from simgap.model.kernel_cache import cached_kernel
 
 _SLACK = 1.0 + 2.0**-48  # outward rounding of the few operations of a bound
 
@@ -73,20 +84,15 @@ class CellGap(GapFunction):
         more = np.where(np.asarray(touched)[:, None, None], by, 0.0)
         return replace(self, lower=self.lower - more, upper=self.upper + more)
 
-    def with_tiers(self, tiers: Sequence[Tier]) -> CellGap:
-        """The same bound with other guarantee tiers."""
-        return replace(self, tiers=tuple(tiers))
-
     def _kernel(self) -> Kernel:
         """See `GapFunction._kernel`; loops over the cells that the box touches."""
         inputs, limit_lo, limit_hi, edges, nodes, counts, slopes, lower, upper = self._tables()
 
-        @kept
+        @cached_kernel
         def bounds_over_box(xlo, xhi, u, lo, hi):  # type: ignore[no-untyped-def]
             _over_box(xlo, xhi, u, lo, hi, inputs, limit_lo, limit_hi, edges, nodes, counts, slopes, lower, upper)
 
-        result: Kernel = bounds_over_box
-        return result
+        return bounds_over_box
 
     def _tables(self) -> tuple[Any, ...]:
         counts = np.array([len(n) for n in self.nodes], dtype=np.int64)
@@ -102,25 +108,29 @@ class CellGap(GapFunction):
             "edges": {s: e.tolist() for s, e in zip(names, self.edges, strict=True)},
             "nodes": {s: n.tolist() for s, n in zip(names, self.nodes, strict=True)},
             "slopes": self.slopes.tolist(),
-            "gap": {
-                s: {"lower": self.lower[:, :, i].tolist(), "upper": self.upper[:, :, i].tolist()}
-                for i, s in enumerate(names)
-            },
+            "gap": sides_by_state(names, self.lower, self.upper),
         }
 
-    @staticmethod
-    def from_content(data: Mapping[str, Any], domain: GapDomain, tiers: tuple[Tier, ...]) -> CellGap:
+    @classmethod
+    def from_content(cls, data: Mapping[str, Any], domain: GapDomain, tiers: tuple[Tier, ...]) -> CellGap:
         """The inverse of `_content`."""
-        names = domain.states
-        return CellGap(
-            domain,
-            tiers,
-            tuple(np.array(data["edges"][s]) for s in names),
-            tuple(np.array(data["nodes"][s]) for s in names),
-            np.stack([np.array(data["gap"][s]["lower"]) for s in names], axis=-1),
-            np.stack([np.array(data["gap"][s]["upper"]) for s in names], axis=-1),
-            np.array(data["slopes"]),
-        )
+        edges, nodes = (tuple(np.array(data[key][s]) for s in domain.states) for key in ("edges", "nodes"))
+        return cls(domain, tiers, edges, nodes, *sides_from(data["gap"], domain.states), np.array(data["slopes"]))
+
+    def check(self) -> None:
+        """See `GapFunction.check`."""
+        box, nx, m = self.domain.box, len(self.domain.states), len(self.domain.input_set)
+        for j, (edges, nodes) in enumerate(zip(self.edges, self.nodes, strict=True)):
+            require_finite("a row of nodes", nodes, (max(1, nodes.size),))
+            require_finite("a row of edges", edges, (len(nodes) + 1,))
+            require((np.diff(edges) > 0).all(), "its cells do not follow each other")
+            require(edges[0] == box.lo[j] and edges[-1] == box.hi[j], "its cells do not cover X")
+            require(((edges[:-1] <= nodes) & (nodes <= edges[1:])).all(), "a node lies outside its cell")
+        cells = int(np.prod([len(nodes) for nodes in self.nodes]))
+        kinds = m if self.upper.ndim == 3 and self.upper.shape[1] != 1 else 1
+        require_finite("its slopes", self.slopes, (nx, nx))
+        require((self.slopes >= 0).all(), "a slope is negative")
+        require_sides(self.lower, self.upper, (cells, kinds, nx))
 
 
 @njit(error_model="numpy", cache=True)

@@ -26,7 +26,7 @@ from simgap.gap.bounds.enclosures import enclose
 from simgap.geometry import Grid
 from simgap.late import sympy as sp
 from simgap.model.compile import Kernel, compile_interval_kernel
-from simgap.model.kept import kept
+from simgap.model.kernel_cache import cached_kernel
 from simgap.model.sampled import NominalModel
 
 _SMALL = 500  # operations up to which a row is multiplied out, in case that makes it shorter
@@ -189,7 +189,7 @@ def _most_terms(e: sp.Expr) -> float:
 def _over_cells(kernel: Kernel) -> Kernel:
     """numba: enclosures over boxes (N, nx), (N, nx) for each input (M, nu): two (N, M, size)."""
 
-    @kept
+    @cached_kernel
     def over_cells(lo: Floats, hi: Floats, inputs: Floats, size: int) -> tuple[Floats, Floats]:
         low = np.empty((lo.shape[0], inputs.shape[0], size))
         high = np.empty((lo.shape[0], inputs.shape[0], size))

@@ -7,24 +7,48 @@ immutable.
 
 A gap that is periodic along an axis is bounded on one period, X. A box that leaves X there is moved back by whole turns
 and cut at the seam; a moved part is widened by the rounding of the move. A box a turn wide or more is all of the axis.
+
+A bound rests on statements, its guarantee tiers, printed wherever gamma is:
+
+1. deterministic: holds everywhere, given the Lipschitz constants it was padded with;
+2. estimate: which of these constants are estimates, how they were obtained and how far they can be trusted;
+3. statistical: fresh random samples that no fit has seen (`fresh_check`).
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from simgap.arrays import Bools, Floats, Ints
+from simgap.errors import UserError
 from simgap.gap.bounds.basis import MARGIN
-from simgap.gap.bounds.tiers import Tier
+from simgap.gap.json_record import JsonRecord
 from simgap.geometry import Box, rows
 from simgap.late import njit
-from simgap.model.kept import kept
+from simgap.model.kernel_cache import cached_kernel
+
+
+@dataclass(frozen=True)
+class Tier(JsonRecord, names={"level": "tier"}):
+    """One statement: its level 1, 2 or 3 and its text, a full sentence for the reader of a report."""
+
+    level: int
+    text: str
+
+
+PROVEN = Tier(
+    1,
+    "The bound holds at every state of X and input of U, rounding included: simulator and model are both known as "
+    "equations, and slope and value of their difference are enclosed on every cell by interval arithmetic. No "
+    "Lipschitz constant is given or estimated.",
+)
+
 
 PARTS = 3
 """Parts of an interval: its own, what lies beyond the upper end of X, what rounding may have moved below the lower."""
@@ -74,7 +98,7 @@ def periodic_kernel(inner, box: Box, axes: tuple[int, ...]):  # type: ignore[no-
     lo, hi, wraps = box.lo.copy(), box.hi.copy(), np.array(axes, dtype=np.int64)
     count = PARTS ** len(axes)
 
-    @kept
+    @cached_kernel
     def bounds_over_box(xlo, xhi, u, lower, upper):  # type: ignore[no-untyped-def]
         if not crosses(xlo, xhi, lo, hi, wraps):
             inner(xlo, xhi, u, lower, upper)
@@ -165,6 +189,18 @@ class GapDomain:
         x[:, axes] = (0.5 * (self.box.lo + self.box.hi))[axes]
         return x
 
+    def check(self) -> None:
+        """Refuse a saved one that is none.
+
+        Raises:
+            UserError: naming the part that is wrong.
+        """
+        nx, m = len(self.states), len(self.input_set)
+        require(nx > 0 and self.box.size == nx, "its X has not one interval for each state")
+        require_finite("its X", np.stack([self.box.lo, self.box.hi]), (2, nx))
+        require(m > 0, "its U is empty")
+        require_finite("its U", self.input_set, (m, len(self.inputs)))
+
     def to_json(self) -> dict[str, Any]:
         """Names, box and input set."""
         ends = zip(self.states, self.box.lo, self.box.hi, strict=True)
@@ -210,12 +246,12 @@ class GapFunction(ABC):
         """Suprema over X x U, by state name."""
 
     @abstractmethod
-    def raised(self, below: Floats, above: Floats) -> GapFunction:
+    def raised(self, below: Floats, above: Floats) -> Self:
         """The bound moved outward: lo - below, hi + above, each (nx,)."""
 
-    @abstractmethod
-    def with_tiers(self, tiers: Sequence[Tier]) -> GapFunction:
+    def with_tiers(self, tiers: Sequence[Tier]) -> Self:
         """The same bound with other guarantee tiers."""
+        return replace(self, tiers=tuple(tiers))
 
     @abstractmethod
     def _kernel(self) -> Kernel:
@@ -236,6 +272,19 @@ class GapFunction(ABC):
     @abstractmethod
     def _content(self) -> dict[str, Any]:
         """Entries that `to_json` adds to domain and tiers; holds `kind`."""
+
+    @classmethod
+    @abstractmethod
+    def from_content(cls, data: Mapping[str, Any], domain: GapDomain, tiers: tuple[Tier, ...]) -> Self:
+        """The inverse of `_content`; KeyError, TypeError or ValueError for anything else."""
+
+    @abstractmethod
+    def check(self) -> None:
+        """Refuse what is no bound on all of X and U, lower side below upper side.
+
+        Raises:
+            UserError: naming the part that is wrong.
+        """
 
     def box_bounds(self, xlo: ArrayLike, xhi: ArrayLike, u: ArrayLike) -> tuple[Floats, Floats]:
         """Infimum of lo and supremum of hi over boxes: (n, nx), (n, nx), (n, nu) -> (n, nx), (n, nx).
@@ -276,6 +325,41 @@ class GapFunction(ABC):
         """The bound as plain data: what it holds for, the formula, what it rests on."""
         guarantee = [tier.to_json() for tier in self.tiers]
         return {**self._content(), "domain": self.domain.to_json(), "guarantee": guarantee}
+
+
+def sides_by_state(states: Sequence[str], lower: Floats, upper: Floats) -> dict[str, Any]:
+    """Tables (..., nx) of both sides as plain data, by the name of the state."""
+    sides = {"lower": lower, "upper": upper}
+    return {s: {name: side[..., n].tolist() for name, side in sides.items()} for n, s in enumerate(states)}
+
+
+def sides_from(data: Mapping[str, Any], states: Sequence[str]) -> tuple[Floats, Floats]:
+    """The inverse of `sides_by_state`."""
+    lower, upper = (np.stack([np.array(data[s][side]) for s in states], axis=-1) for side in ("lower", "upper"))
+    return lower, upper
+
+
+def require(holds: Any, problem: str) -> None:
+    """Refuse a saved bound, unless something holds.
+
+    Raises:
+        UserError: with the problem.
+    """
+    if not holds:
+        raise UserError(problem)
+
+
+def require_finite(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> None:
+    """Refuse what is no table of finite numbers of this shape."""
+    numbers = np.issubdtype(array.dtype, np.number) and array.shape == shape and np.isfinite(array).all()
+    require(numbers, f"{name} is not a table of finite numbers of shape {shape}")
+
+
+def require_sides(lower: Floats, upper: Floats, shape: tuple[int, ...], after: str = "") -> None:
+    """Refuse sides that are no finite tables of this shape, or upside down."""
+    require_finite(f"its lower side{after}", lower, shape)
+    require_finite(f"its upper side{after}", upper, shape)
+    require((lower <= upper).all(), "its lower side is above its upper side")
 
 
 @njit(error_model="numpy", cache=True)

@@ -12,12 +12,24 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.errors import UserError
 from simgap.gap.bounds.basis import Basis, Form, difference, make_form, negated, supremum
-from simgap.gap.bounds.function import GapDomain, GapFunction, GapSuprema, Kernel
-from simgap.gap.bounds.tiers import Tier
+from simgap.gap.bounds.function import (
+    GapDomain,
+    GapFunction,
+    GapSuprema,
+    Kernel,
+    Tier,
+    require,
+    require_finite,
+    require_sides,
+)
+from simgap.geometry import Grid
 from simgap.late import sympy as sp
 from simgap.model.compile import compile_kernel
-from simgap.model.kept import kept
+from simgap.model.kernel_cache import cached_kernel
 from simgap.model.symbolic import symbol
+
+_POINTS = 1000  # of X, at which the sides of a formula are compared
+_INPUTS = 50
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,10 +77,6 @@ class LinearGap(GapFunction):
         upper = tuple(f.with_offset(f.offset + float(a)) for f, a in zip(self.upper, above, strict=True))
         return replace(self, lower=lower, upper=upper)
 
-    def with_tiers(self, tiers: Sequence[Tier]) -> LinearGap:
-        """The same bound with other guarantee tiers."""
-        return replace(self, tiers=tuple(tiers))
-
     def _kernel(self) -> Kernel:
         """See `GapFunction._kernel`: centred form with constant second derivatives and a constant for rounding."""
         nx, forms = len(self.domain.states), [*self.lower, *self.upper]
@@ -79,7 +87,7 @@ class LinearGap(GapFunction):
         halves = np.array([0.5, 0.5 * (1.0 + 2.0**-50)])
         lower_limit, upper_limit = self.domain.limits()
 
-        @kept
+        @cached_kernel
         def bounds_over_box(xlo, xhi, u, lo, hi):  # type: ignore[no-untyped-def]
             inside = True
             for j in range(nx):
@@ -89,8 +97,7 @@ class LinearGap(GapFunction):
                 lo[i] = out[i] if inside else -np.inf
                 hi[i] = out[nx + i] if inside else np.inf
 
-        result: Kernel = bounds_over_box
-        return result
+        return bounds_over_box
 
     def _content(self) -> dict[str, Any]:
         sides = {
@@ -99,8 +106,8 @@ class LinearGap(GapFunction):
         }
         return {"kind": "linear", "meaning": "lower <= simulator - nominal <= upper", "gap": sides}
 
-    @staticmethod
-    def from_content(data: Mapping[str, Any], domain: GapDomain, tiers: tuple[Tier, ...]) -> LinearGap:
+    @classmethod
+    def from_content(cls, data: Mapping[str, Any], domain: GapDomain, tiers: tuple[Tier, ...]) -> LinearGap:
         """The inverse of `_content`."""
         sides = [data["gap"][name] for name in domain.states]
         terms = tuple(sides[0]["upper"]["coefficients"])
@@ -115,7 +122,21 @@ class LinearGap(GapFunction):
             q = np.array([float(v) for v in entry["coefficients"].values()])
             return replace(first, coefficients=q, offset=float(entry["offset"]))
 
-        return LinearGap(domain, tiers, tuple(side(s["lower"]) for s in sides), tuple(side(s["upper"]) for s in sides))
+        return cls(domain, tiers, tuple(side(s["lower"]) for s in sides), tuple(side(s["upper"]) for s in sides))
+
+    def check(self) -> None:
+        """See `GapFunction.check`; the sides are compared on a mesh of X."""
+        for form in (*self.lower, *self.upper):
+            require_finite("a row of coefficients", form.coefficients, (self.basis.size,))
+            require(np.isfinite(form.offset), "an offset is not a finite number")
+        box, inputs = self.domain.box, self.domain.input_set
+        axis = max(2, int(_POINTS ** (1.0 / box.size)))
+        grid = Grid(box, [axis] * box.size)
+        corners = np.stack([c.ravel() for c in np.meshgrid(*zip(box.lo, box.hi, strict=True), indexing="ij")], axis=-1)
+        x = np.concatenate([grid.centres(), corners])
+        chosen = inputs[np.unique(np.linspace(0, len(inputs) - 1, _INPUTS).astype(int))]
+        every, each = np.repeat(x, len(chosen), axis=0), np.tile(chosen, (len(x), 1))
+        require_sides(*self.bounds(every, each), every.shape, " on X")
 
 
 def _side_json(form: Form) -> dict[str, Any]:

@@ -16,11 +16,9 @@ from simgap.config.gap import GapSection
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bases import Blocks
 from simgap.gap.bounds.cells import CellGap
-from simgap.gap.bounds.function import GapFunction
-from simgap.gap.bounds.tiers import Tier
-from simgap.gap.lipschitz.result import GridLipschitz
+from simgap.gap.bounds.function import GapFunction, Tier
+from simgap.gap.lipschitz.grid import GridLipschitz
 from simgap.gap.sampling.samples import SampleGrid
-from simgap.gap.settings import GapSettings
 from simgap.gap.thresholds import GATE
 from simgap.late import scipy
 
@@ -302,7 +300,7 @@ def _sizes(by: Mapping[str, float]) -> str:
     return ", ".join(f"{value:.3g} for {name}" for name, value in by.items())
 
 
-def remedy(where: SampleGrid, settings: GapSettings, found: GridLipschitz, share: float, residual: bool = False) -> str:
+def remedy(where: SampleGrid, settings: GapSection, found: GridLipschitz, share: float, residual: bool = False) -> str:
     """More samples; or, where something switches, a model that does the same, or a bound that takes the jump in.
 
     Args:

@@ -1,4 +1,4 @@
-"""The bound of all dimensions from the fits of each: padded, put together and reported, for every kind of bound."""
+"""The bound of all dimensions from the fits of each: padded, put together and reported, for every form of bound."""
 
 from __future__ import annotations
 
@@ -9,22 +9,18 @@ from typing import Any
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.config.gap import GapSection
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bases import Blocks
 from simgap.gap.bounds.function import GapFunction, GapSuprema
 from simgap.gap.fitting.acceptance import remedy
-from simgap.gap.fitting.cell_fit import BlockFit, blocks_gap, fit_blocks
-from simgap.gap.fitting.conformal import Calibration, CentreFit, conformal_gap, fit_centre
-from simgap.gap.fitting.envelope import NodeFit, envelope_gap, fit_envelope
-from simgap.gap.fitting.linear_fit import LinearFit, fit_linear, linear_gap
-from simgap.gap.fitting.padding import PaddedSide
-from simgap.gap.lipschitz.result import DimensionLipschitz
-from simgap.gap.sampling.samples import DimensionSamples, Directed, SampleGrid
-from simgap.gap.settings import GapSettings
+from simgap.gap.fitting.cell_fit import BlockFit, NodeFit
+from simgap.gap.fitting.dimension_fit import BoundInputs, Calibration, DimensionFit, Sides
+from simgap.gap.fitting.linear_fit import CentreFit, LinearFit
+from simgap.gap.lipschitz.grid import DimensionLipschitz
+from simgap.gap.sampling.borders import Directed
+from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
 from simgap.gap.thresholds import GATE
-
-DimensionFit = LinearFit | BlockFit | NodeFit | CentreFit
-
 
 FITS: Mapping[str, type[DimensionFit]] = {
     "linear": LinearFit,
@@ -34,19 +30,15 @@ FITS: Mapping[str, type[DimensionFit]] = {
 }
 
 
-def fit_dimension(samples: DimensionSamples, settings: GapSettings) -> DimensionFit:
+def fit_dimension(samples: DimensionSamples, settings: GapSection) -> DimensionFit:
     """Fit one dimension; local slopes of the samples enter where they pad inside the program, no Lipschitz constant.
 
     Raises:
         UserError: for settings that do not fit the samples.
     """
-    if settings.bound == "conformal":
-        return fit_centre(samples, settings)
-    if settings.bound == "envelope":
-        return fit_envelope(samples, settings)
-    if settings.bound == "scenario" and isinstance(settings.basis, Blocks):
-        return fit_blocks(samples, settings)
-    return fit_linear(samples, settings)
+    scenario = "blocks" if isinstance(settings.basis, Blocks) else "linear"
+    form = {"conformal": "centre", "envelope": "envelope", "scenario": scenario}.get(settings.bound, "linear")
+    return FITS[form].of(samples, settings)
 
 
 def fit_from_json(data: Mapping[str, Any]) -> DimensionFit:
@@ -71,7 +63,7 @@ class DimensionReport:
     mean_size: float
     mean_width: float
     lipschitz: DimensionLipschitz
-    sides: dict[str, PaddedSide] = field(default_factory=dict)
+    sides: Sides = field(default_factory=dict)
 
     @property
     def largest_gap(self) -> float:
@@ -107,12 +99,12 @@ class GapResult:
 
 
 def assemble(
-    where: SampleGrid, settings: GapSettings, fits: Sequence[DimensionFit], lipschitz: Sequence[DimensionLipschitz],
+    where: SampleGrid, settings: GapSection, fits: Sequence[DimensionFit], lipschitz: Sequence[DimensionLipschitz],
     calibration: Calibration | None = None, directed: Sequence[Directed] = (), deviation: Floats | None = None,
 ) -> GapResult:  # fmt: skip
     """The gap function of all dimensions, padded; `directed` are those samples of each dimension, for an envelope.
 
-    `deviation`, (nx,), is added on both sides: by how much a declared symmetry does not hold, and the engine's grain.
+    `deviation`, (nx,), is added on both sides: by how much a declared symmetry does not hold, and its staircase.
 
     Raises:
         UserError: fits of different kinds, or a conformal bound without calibration samples.
@@ -121,23 +113,14 @@ def assemble(
     if len({type(fit) for fit in fits}) != 1:
         raise UserError("the fits of the dimensions are of different kinds", remedy="Run the scp stage again.")
     check_resolved(where, settings, lipschitz)
-    sides: list[dict[str, PaddedSide]] = [{} for _ in fits]
-    function: GapFunction
-    if centres := [fit for fit in fits if isinstance(fit, CentreFit)]:
-        function = conformal_gap(where, settings, centres, calibration)
-    elif nodes := [fit for fit in fits if isinstance(fit, NodeFit)]:
-        function = envelope_gap(where, settings, nodes, lipschitz, directed if where.known is None else ())
-    elif blocks := [fit for fit in fits if isinstance(fit, BlockFit)]:
-        function = blocks_gap(where, settings, blocks, lipschitz)
-    else:
-        linear = [fit for fit in fits if isinstance(fit, LinearFit)]
-        function, sides = linear_gap(where, settings, linear, lipschitz)
+    given = BoundInputs(where, settings, lipschitz, calibration, directed)
+    function, sides = type(fits[0]).bound(fits, given)
     if deviation is not None:
         function = function.raised(deviation, deviation)
     return GapResult(function, _reports(where, settings, function, lipschitz, sides), where.size)
 
 
-def check_resolved(where: SampleGrid, settings: GapSettings, lipschitz: Sequence[DimensionLipschitz]) -> None:
+def check_resolved(where: SampleGrid, settings: GapSection, lipschitz: Sequence[DimensionLipschitz]) -> None:
     """Refuse where the grid does not resolve the gap and the padding has no local jump bound for it.
 
     Raises:
@@ -148,7 +131,7 @@ def check_resolved(where: SampleGrid, settings: GapSettings, lipschitz: Sequence
     local = settings.padding == "inflate" and settings.bound != "envelope"
     for name, known in zip(where.states, lipschitz, strict=True):
         found = known.grid
-        if local and found.rough_share <= settings.rough_limit:
+        if local and found.rough_share <= settings.lipschitz.rough_limit:
             continue
         if local or not found.resolved:
             raise BrokenPromise(
@@ -160,8 +143,8 @@ def check_resolved(where: SampleGrid, settings: GapSettings, lipschitz: Sequence
 
 
 def _reports(
-    where: SampleGrid, settings: GapSettings, function: GapFunction, lipschitz: Sequence[DimensionLipschitz],
-    sides: Sequence[dict[str, PaddedSide]],
+    where: SampleGrid, settings: GapSection, function: GapFunction, lipschitz: Sequence[DimensionLipschitz],
+    sides: Sequence[Sides],
 ) -> tuple[DimensionReport, ...]:  # fmt: skip
     suprema = function.sup()
     size, width = _means(where, function, settings.seed)

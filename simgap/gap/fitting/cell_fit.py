@@ -1,4 +1,8 @@
-"""Piecewise constant bounds: on each block of cells the largest sampled gap, padded."""
+"""Bounds that are tables over cells: a maximum for each block of cells, or a Lipschitz envelope around samples.
+
+The envelope (set membership) solves no program: d lies within `sum_j L_ij |x_j - node_j|` of its value at a node
+(Milanese & Novara 2004). Each cell uses its own node.
+"""
 
 from __future__ import annotations
 
@@ -8,21 +12,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgap.arrays import Floats, Ints
+from simgap.config.gap import GapSection
 from simgap.errors import UserError
 from simgap.gap.bases import Blocks
 from simgap.gap.bounds.cells import CellGap
-from simgap.gap.bounds.tiers import directed_words, guarantee
-from simgap.gap.json_record import JsonRecord
-from simgap.gap.lipschitz.result import DimensionLipschitz
-from simgap.gap.sampling.samples import DimensionSamples, Directed, SampleGrid
+from simgap.gap.fitting.dimension_fit import BoundInputs, DimensionFit, Sides, directed_words, guarantee
+from simgap.gap.fitting.padding import estimated_padding, local_padding
+from simgap.gap.lipschitz.grid import DimensionLipschitz
+from simgap.gap.lipschitz.local import Beside
+from simgap.gap.sampling.borders import Directed
+from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
 from simgap.gap.sampling.values import Combined, Joined, Values
-from simgap.gap.settings import GapSettings
 from simgap.geometry import Grid
 
 
 @dataclass(frozen=True, eq=False)
 class BlockFit(
-    JsonRecord, kind="blocks", program="solved in closed form: on indicator functions of blocks, one maximum a block"
+    DimensionFit, kind="blocks", program="solved in closed form: on indicator functions of blocks, one maximum a block"
 ):
     """Largest values that the sides of one dimension have to cover on each block: the program solves itself.
 
@@ -38,74 +44,72 @@ class BlockFit(
     directed: int = 0
     factor: float = 0.0
 
+    @classmethod
+    def of(cls, samples: DimensionSamples, settings: GapSection) -> BlockFit:
+        """The scenario program on the basis of indicator functions of blocks, which solves itself: a maximum a block.
 
-def fit_blocks(samples: DimensionSamples, settings: GapSettings) -> BlockFit:
-    """The scenario program on the basis of indicator functions of blocks, which solves itself: one maximum a block.
+        Block borders lie on cell borders, so a cell belongs to one block and the padding of its sample covers it.
 
-    Block borders lie on cell borders, so a cell belongs to one block and the padding of its sample covers it.
+        Raises:
+            UserError: for block counts that do not fit the grid.
+        """
+        counts, per_input = _counts(samples.where, settings)
+        member, _ = _blocks(samples.where.grid, counts)
+        tables, rough, factor, directed = {}, 0.0, 0.0, samples.beside
+        for up in (True, False):
+            padded, share = _locally_padded(samples, settings, up)
+            of_row = member
+            if directed is not None:
+                beside, risen = _beside(samples, directed, settings, up)
+                padded, factor = Joined(padded, beside), max(factor, risen)
+                of_row = np.concatenate([member, member[samples.where.grid.index(directed.x)]])
+            tables[up] = np.full((int(np.prod(counts)), padded.shape[1] if per_input else 1), -np.inf)
+            for block in padded.blocks():
+                own = padded[block]
+                np.maximum.at(tables[up], of_row[block], own if per_input else own.max(axis=1, keepdims=True))
+            rough = max(rough, share)
+        return cls(tables[True], tables[False], rough, 0 if directed is None else len(directed.x), factor)
 
-    Raises:
-        UserError: for block counts that do not fit the grid.
-    """
-    counts, per_input = _counts(samples.where, settings)
-    member, _ = _blocks(samples.where.grid, counts)
-    tables, rough, factor, directed = {}, 0.0, 0.0, samples.beside
-    for up in (True, False):
-        padded, share = _locally_padded(samples, settings, up)
-        of_row = member
-        if directed is not None:
-            beside, risen = _beside(samples, directed, settings, up)
-            padded, factor = Joined(padded, beside), max(factor, risen)
-            of_row = np.concatenate([member, member[samples.where.grid.index(directed.x)]])
-        tables[up] = np.full((int(np.prod(counts)), padded.shape[1] if per_input else 1), -np.inf)
-        for first, last in padded.blocks():
-            own = padded.rows(first, last)
-            np.maximum.at(tables[up], of_row[first:last], own if per_input else own.max(axis=1, keepdims=True))
-        rough = max(rough, share)
-    return BlockFit(tables[True], tables[False], rough, 0 if directed is None else len(directed.x), factor)
+    @classmethod
+    def bound(cls, fits: Sequence[BlockFit], given: BoundInputs) -> tuple[CellGap, list[Sides]]:
+        """The tables of all dimensions side by side, with the padding that is not in them yet."""
+        where, settings, lipschitz = given.where, given.settings, given.lipschitz
+        _, edges = _blocks(where.grid, _counts(where, settings)[0])
+        nx, inflated = len(where.states), settings.padding == "inflate"
+        upper, below = (
+            np.stack(
+                [
+                    getattr(fit, name) + (0.0 if inflated else _reach(where, settings, known)) + floor / 16.0
+                    for fit, known, floor in zip(fits, lipschitz, where.rounding, strict=True)
+                ],
+                axis=-1,
+            )
+            for name in ("upper", "lower")
+        )
+        lower = -below
+        if not settings.signed:
+            upper = np.maximum(upper, -lower)
+            lower = -upper
+        upper = np.maximum(upper, lower)
+        nodes = tuple(0.5 * (e[:-1] + e[1:]) for e in edges)
+        shares = zip([fit.rough_share for fit in fits], [known.grid.rough_share for known in lipschitz], strict=True)
+        rough = [padded if inflated else estimated for padded, estimated in shares]
+        beside = directed_words(where.states, max(fit.directed for fit in fits), [fit.factor for fit in fits])
+        used = [known.grid for known in lipschitz]
+        tiers = guarantee("inflate" if inflated else "cells", where.states, used, rough, beside)
+        return CellGap(where.domain, tiers, edges, nodes, lower, upper, np.zeros((nx, nx))), [{} for _ in fits]
 
 
-def _beside(samples: DimensionSamples, directed: Directed, settings: GapSettings, up: bool) -> tuple[Floats, float]:
+def _beside(samples: DimensionSamples, directed: Directed, settings: GapSection, up: bool) -> tuple[Floats, float]:
     """(E, M) target of a side beside the grid, padded along its surface with `inflate`; the factor of `SideFit`."""
-    from simgap.gap.lipschitz.local import Beside, LocalPadding
-
-    where, target, at = samples.where, samples.side(up), directed.side(up)
-    cells = where.grid.index(directed.x)
-    own = LocalPadding(target, where.grid, where.free, samples.floor)
-    along, across = own.along(Beside(cells, directed.at, at))
-    factor = float(((at - target.take(cells)) / np.maximum(across, samples.floor)).max())
+    target, at = samples.side(up), directed.side(up)
+    beside = Beside.of(directed, samples.where.grid, at)
+    along, across = estimated_padding(samples, up).along(beside)
+    factor = float(((at - target[beside.cells]) / np.maximum(across, samples.floor)).max())
     return at + (along if settings.padding == "inflate" else 0.0), max(factor, 0.0)
 
 
-def blocks_gap(
-    where: SampleGrid, settings: GapSettings, fits: Sequence[BlockFit], lipschitz: Sequence[DimensionLipschitz]
-) -> CellGap:
-    """The tables of all dimensions side by side, with the padding that is not in them yet."""
-    _, edges = _blocks(where.grid, _counts(where, settings)[0])
-    nx, inflated = len(where.states), settings.padding == "inflate"
-    sides = []
-    for name in ("upper", "lower"):
-        padded = [
-            getattr(fit, name) + (0.0 if inflated else _reach(where, settings, known)) + floor / 16.0
-            for fit, known, floor in zip(fits, lipschitz, where.rounding, strict=True)
-        ]
-        sides.append(np.stack(padded, axis=-1))
-    upper, lower = sides[0], -sides[1]
-    if not settings.signed:
-        upper = np.maximum(upper, -lower)
-        lower = -upper
-    upper = np.maximum(upper, lower)
-    nodes = tuple(0.5 * (e[:-1] + e[1:]) for e in edges)
-    rough = [
-        fit.rough_share if inflated else known.grid.rough_share for fit, known in zip(fits, lipschitz, strict=True)
-    ]
-    used = [known.grid for known in lipschitz]
-    beside = directed_words(where.states, max(fit.directed for fit in fits), [fit.factor for fit in fits])
-    tiers = guarantee("inflate" if inflated else "cells", where.states, used, rough, beside)
-    return CellGap(where.domain, tiers, edges, nodes, lower, upper, np.zeros((nx, nx)))
-
-
-def _reach(where: SampleGrid, settings: GapSettings, known: DimensionLipschitz) -> float:
+def _reach(where: SampleGrid, settings: GapSection, known: DimensionLipschitz) -> float:
     """How far the gap may move within a cell, by its Lipschitz constants."""
     h = where.moving_half_widths
     if settings.padding == "per_axis":
@@ -113,18 +117,15 @@ def _reach(where: SampleGrid, settings: GapSettings, known: DimensionLipschitz) 
     return float(known.grid.euclidean * np.linalg.norm(h))
 
 
-def _locally_padded(samples: DimensionSamples, settings: GapSettings, up: bool) -> tuple[Values, float]:
+def _locally_padded(samples: DimensionSamples, settings: GapSection, up: bool) -> tuple[Values, float]:
     """(N, M) target of one side, with its local padding if that is the case's, and the share of rough cells."""
-    from simgap.gap.fitting.padding import local_padding
-
-    target = samples.side(up)
     if settings.padding != "inflate":
-        return target, 0.0
+        return samples.side(up), 0.0
     pad, share = local_padding(samples, up).of_target()
-    return Combined(np.add, (target, pad)), share
+    return Combined(np.add, (samples.side(up), pad)), share
 
 
-def _counts(where: SampleGrid, settings: GapSettings) -> tuple[tuple[int, ...], bool]:
+def _counts(where: SampleGrid, settings: GapSection) -> tuple[tuple[int, ...], bool]:
     basis = settings.basis
     if not isinstance(basis, Blocks):
         raise UserError(f"the basis '{basis.kind}' has no blocks", key="gap.basis.kind", remedy="Use `blocks`.")
@@ -153,3 +154,79 @@ def _blocks(grid: Grid, counts: Sequence[int]) -> tuple[Ints, tuple[Floats, ...]
         edges.append(np.concatenate([[lo], lo + 2.0 * grid.h[j] * first, [hi]]))
     mesh = np.meshgrid(*index, indexing="ij")
     return np.ravel_multi_index(tuple(m.ravel() for m in mesh), tuple(counts)), tuple(edges)
+
+
+@dataclass(frozen=True, eq=False)
+class NodeFit(DimensionFit, kind="envelope", program="none: an envelope is made of samples and Lipschitz constants"):
+    """Samples of one dimension at the nodes of an envelope: lower, upper (nodes, M), rounding included."""
+
+    lower: Floats
+    upper: Floats
+
+    @classmethod
+    def of(cls, samples: DimensionSamples, settings: GapSection) -> NodeFit:
+        """The samples at the nodes."""
+        places, cells = _nodes(samples.where, settings), samples.where.grid.cells
+        flat = np.ravel_multi_index(tuple(k.ravel() for k in np.meshgrid(*places, indexing="ij")), cells)
+        numerical = samples.floor / 16.0
+        lower = samples.d[flat] - numerical
+        upper = samples.ends[-1][flat] + numerical
+        if not settings.signed:
+            upper = np.maximum(upper, -lower)
+            lower = -upper
+        return cls(lower, upper)
+
+    @classmethod
+    def bound(cls, fits: Sequence[NodeFit], given: BoundInputs) -> tuple[CellGap, list[Sides]]:
+        """The tables of all dimensions side by side, with their slopes.
+
+        A cell whose envelope a sample on a border or beside a switching surface leaves is raised to cover it, with
+        what slopes allow along the surface until the next such sample.
+        """
+        where, settings, lipschitz = given.where, given.settings, given.lipschitz
+        nodes = tuple(where.grid.axis(j)[k] for j, k in enumerate(_nodes(where, settings)))
+        middle = [0.5 * (n[:-1] + n[1:]) for n in nodes]
+        ends = zip(where.grid.box.lo, middle, where.grid.box.hi, strict=True)
+        edges = tuple(np.concatenate([[lo], e, [hi]]) for lo, e, hi in ends)
+        slopes = np.stack([known.grid.constants for known in lipschitz])
+        rough = [known.grid.rough_share for known in lipschitz]
+        lower, upper = (np.stack([getattr(fit, side) for fit in fits], axis=-1) for side in ("lower", "upper"))
+        directed, factors = given.directed if where.known is None else (), []
+        for i, own in enumerate(directed):
+            numerical = float(where.rounding[i])
+            above, rise = _raised(upper[:, :, i], where, (nodes, edges), slopes[i], own, own.side(True), numerical)
+            below, fall = _raised(-lower[:, :, i], where, (nodes, edges), slopes[i], own, own.side(False), numerical)
+            if not settings.signed:
+                above = below = np.maximum(above, below)
+            upper[:, :, i], lower[:, :, i] = above, -below
+            factors.append(max(rise, fall))
+        beside = directed_words(where.states, len(directed[0].x) if directed else 0, factors)
+        tiers = guarantee("cells", where.states, [known.grid for known in lipschitz], rough, beside)
+        return CellGap(where.domain, tiers, edges, nodes, lower, upper, slopes), [{} for _ in fits]
+
+
+def _raised(
+    top: Floats, where: SampleGrid, table: tuple[Sequence[Floats], Sequence[Floats]], slopes: Floats, own: Directed,
+    target: Floats, floor: float,
+) -> tuple[Floats, float]:  # fmt: skip
+    """Values at the nodes (nodes, M), raised where targets (E, M) leave their envelope; the factor of `SideFit`."""
+    nodes, edges = table
+    place = [np.clip(np.searchsorted(e, own.x[:, j], side="right") - 1, 0, len(e) - 2) for j, e in enumerate(edges)]
+    cell = np.ravel_multi_index(tuple(place), tuple(len(n) for n in nodes))
+    far = np.abs(own.x - np.stack([n[k] for n, k in zip(nodes, place, strict=True)], axis=1)) @ slopes
+    beside, along = Beside(cell, own.at, target), np.where(own.at.fixed, 0.0, where.moving_half_widths) @ slopes
+    steeper = np.zeros(target.shape)  # than the envelope is, along the surface
+    for j, h in enumerate(where.moving_half_widths):
+        steeper += np.where(own.at.fixed[:, [j]], 0.0, np.maximum(beside.moved(j, float(h)) - slopes[j] * h, 0.0))
+    short = target + steeper - top[cell] - far[:, None]
+    raised = top.copy()
+    np.maximum.at(raised, cell, np.where(short > 0.0, top[cell] + short + along[:, None] + floor / 16.0, top[cell]))
+    return raised, float(((short + far[:, None]) / np.maximum(far[:, None], floor)).max(initial=0.0))
+
+
+def _nodes(where: SampleGrid, settings: GapSection) -> list[Ints]:
+    """The samples along each axis that are nodes: every k-th one where a table would exceed `envelope_nodes`."""
+    cells, size, stride = where.grid.cells, len(where.inputs) * len(where.states), 1
+    while np.prod([-(-c // stride) for c in cells]) * size > settings.envelope_nodes and stride < max(cells):
+        stride += 1
+    return [np.arange(min(stride // 2, c - 1), c, stride) for c in cells]

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from simgap.config.gap import GapSection
 from simgap.gap.fitting.bound_fit import GapResult, assemble, check_resolved, fit_dimension
-from simgap.gap.fitting.conformal import Calibration
+from simgap.gap.fitting.dimension_fit import Calibration
 from simgap.gap.lipschitz.estimates import dimension_lipschitz
 from simgap.gap.sampling.samples import GapSamples
-from simgap.gap.settings import GapSettings
 
 
-def fit_gap(samples: GapSamples, settings: GapSettings, calibration: Calibration | None = None) -> GapResult:
-    """Fit the gap bound that the settings ask for; a conformal one needs `calibration`, iid samples of its own.
+def fit_gap(samples: GapSamples, settings: GapSection, calibration: Calibration | None = None) -> GapResult:
+    """Fit the bound that the settings ask for; a conformal one needs `calibration`, iid samples of its own.
 
     Raises:
         UserError: for settings that do not fit the samples.

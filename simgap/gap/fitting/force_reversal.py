@@ -18,9 +18,8 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.config.plant import AddedEffect
 from simgap.effects import AppliedEffect, apply_effects, effect
-from simgap.gap.bounds.tiers import Tier
-from simgap.gap.sampling.border_samples import switching_surfaces
-from simgap.gap.sampling.borders import BESIDE
+from simgap.gap.bounds.function import Tier
+from simgap.gap.sampling.borders import BESIDE, switching_surfaces
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
 from simgap.plants.context import Context
@@ -37,7 +36,7 @@ _STATES = 4096
 """Random states and inputs at which the rates' jump is taken."""
 
 
-def engine_grain(context: Context) -> Floats | None:
+def staircase_height(context: Context) -> Floats | None:
     """Height of a stair, (nx,); None where no force is known to turn round with a speed.
 
     Raises:
@@ -46,7 +45,7 @@ def engine_grain(context: Context) -> Floats | None:
     if context.case.simulator is None:
         return None
     found = {surface.name for surface in switching_surfaces(context) if surface.is_Symbol} & set(context.states)
-    box, grain = context.box, kick(context)
+    box, height = context.box, kick(context)
     rng = np.random.default_rng(0)
     for name in sorted(found):
         j = context.states.index(name)
@@ -55,9 +54,9 @@ def engine_grain(context: Context) -> Floats | None:
         x, u = _lines(context, j, rng)
         ((following, _),) = run_in_processes(roll_out, [(context.case, context.folder, x, u)], 1, None)
         gap = (following - context.plant.sampled.step(x, u)).reshape(LINES, POINTS, -1)
-        grain = np.maximum(grain, stair(gap, x[:, j].reshape(LINES, POINTS)))
-    grain = np.where(grain > NOTHING * (box.hi - box.lo), grain, 0.0)
-    return grain if grain.any() else None
+        height = np.maximum(height, stair(gap, x[:, j].reshape(LINES, POINTS)))
+    height = np.where(height > NOTHING * (box.hi - box.lo), height, 0.0)
+    return height if height.any() else None
 
 
 def _lines(context: Context, j: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
@@ -123,9 +122,9 @@ def _rates(model: SymbolicModel, x: Floats, u: Floats) -> Floats:
     return np.stack([np.broadcast_to(row, len(x)) for row in rows], axis=1)
 
 
-def grain_tier(context: Context, grain: Floats) -> Tier:
+def staircase_tier(context: Context, height: Floats) -> Tier:
     """The stair that was added to the bound, as a statement of its guarantee."""
-    added = ", ".join(f"{size:.2g} for {name}" for name, size in zip(context.states, grain, strict=True))
+    added = ", ".join(f"{size:.2g} for {name}" for name, size in zip(context.states, height, strict=True))
     return Tier(
         2,
         "A force that turns round does so at the end of a step of the engine, not within it, which makes a staircase "

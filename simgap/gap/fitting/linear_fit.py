@@ -1,40 +1,37 @@
-"""Bounds that are linear in a basis: the scenario programs of one dimension, and the gap function made of all."""
+"""Bounds that are linear in a basis: by the scenario program, or split conformal.
+
+A conformal bound covers a fresh random sample with a stated probability, and needs no Lipschitz constant. A centre
+m(x, u) is fitted by least squares; the score of a calibration sample is `max_i |d_i - m_i| / scale_i`, and
+`split_conformal` says how far such scores reach. It is a statement about a random state, not about every state: no
+controller that is proved with it alone is safe for certain, and the tier says so.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from simgap.config.gap import BasisSection
+from simgap.arrays import Floats
+from simgap.config.gap import BasisSection, GapSection
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bases import Expressions
 from simgap.gap.bounds.basis import Basis, Form, make_form, negated
+from simgap.gap.bounds.function import Tier
 from simgap.gap.bounds.linear import LinearGap
-from simgap.gap.bounds.tiers import Tier, directed_words, guarantee
 from simgap.gap.fitting.acceptance import remedy
-from simgap.gap.fitting.design import Design
-from simgap.gap.fitting.padding import PaddedSide, SideFit, padded
-from simgap.gap.json_record import JsonRecord
-from simgap.gap.lipschitz.result import DimensionLipschitz
+from simgap.gap.fitting.dimension_fit import BoundInputs, DimensionFit, Sides, directed_words, guarantee
+from simgap.gap.fitting.padding import SideFit, SideProblem, fit_side, padded
+from simgap.gap.fitting.scenario import Design
+from simgap.gap.lipschitz.grid import DimensionLipschitz
 from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
-from simgap.gap.sampling.values import Centres
-from simgap.gap.settings import GapSettings
+from simgap.gap.sampling.values import Centres, Combined
 from simgap.geometry import Box
-
-Sides = dict[str, PaddedSide]
-
-
-@dataclass(frozen=True, eq=False)
-class LinearFit(JsonRecord, kind="linear"):
-    """Scenario programs of one dimension over the terms of a basis; `sides`: upper and lower, or both."""
-
-    terms: tuple[str, ...]
-    sides: Mapping[str, SideFit]
+from simgap.split_conformal import fewest, reach
 
 
-def basis_of(where: SampleGrid, settings: GapSettings) -> Basis:
+def basis_of(where: SampleGrid, settings: GapSection) -> Basis:
     """The basis that the settings ask for.
 
     Raises:
@@ -71,58 +68,46 @@ def blank_form(basis: Basis, where: SampleGrid) -> Form:
     return make_form(basis, where.grid.box, where.inputs, np.zeros(basis.size))
 
 
-def fit_linear(samples: DimensionSamples, settings: GapSettings) -> LinearFit:
-    """Solve the scenario programs of one dimension: two sides, or one for both."""
-    from simgap.gap.fitting.padding import SideProblem, enclosed, fit_side
+@dataclass(frozen=True, eq=False)
+class LinearFit(DimensionFit, kind="linear"):
+    """Scenario programs of one dimension over the terms of a basis; `sides`: upper and lower, or both."""
 
-    where = samples.where
-    basis = basis_of(where, settings)
-    design, blank = Design(basis, Centres(where.grid), where.inputs), blank_form(basis, where)
-    upper, lower = samples.side(upper=True), samples.side(upper=False)
-    asked = {"upper": [upper], "lower": [lower]} if settings.signed else {"both": [upper, lower]}
-    own = samples.beside
-    beside = {"upper": (True,), "lower": (False,), "both": (True, False)}
-    fits = {
-        name: fit_side(
-            SideProblem(
-                design, targets, where.grid, where.free, samples.floor, blank, own,
-                [own.side(up) for up in beside[name]] if own is not None else (), enclosed(samples, beside[name]),
-                samples.room,
-            ),
-            settings,
-        )
-        for name, targets in asked.items()
-    }  # fmt: skip
-    return LinearFit(basis.terms, fits)
+    terms: tuple[str, ...]
+    sides: Mapping[str, SideFit]
 
+    @classmethod
+    def of(cls, samples: DimensionSamples, settings: GapSection) -> LinearFit:
+        """Solve the scenario programs of one dimension: two sides, or one for both."""
+        where, _ = samples.where, samples.ranges  # refuses samples that are not those of a known gap
+        basis = basis_of(where, settings)
+        design, blank = Design(basis, Centres(where.grid), where.inputs), blank_form(basis, where)
+        asked = {"upper": (True,), "lower": (False,)} if settings.signed else {"both": (True, False)}
+        problems = {name: SideProblem(design, samples, sides, blank) for name, sides in asked.items()}
+        return cls(basis.terms, {name: fit_side(problem, settings) for name, problem in problems.items()})
 
-def linear_gap(
-    where: SampleGrid, settings: GapSettings, fits: Sequence[LinearFit], lipschitz: Sequence[DimensionLipschitz]
-) -> tuple[LinearGap, list[Sides]]:
-    """Pad every side and put the dimensions together.
-
-    Raises:
-        BrokenPromise: when the grid does not resolve a residual, or the bound stays upside down.
-    """
-    blank = blank_form(Basis(fits[0].terms, where.states, where.input_names), where)
-    sides: list[Sides] = []
-    for i, (fit, known) in enumerate(zip(fits, lipschitz, strict=True)):
-        floor = float(where.rounding[i])
-        sides.append(
-            {name: padded(s, blank, where, floor, known.grid, settings.padding) for name, s in fit.sides.items()}
-        )
-        rough = max(side.rough_share for side in sides[-1].values())
-        if settings.padding == "inflate" and rough > settings.rough_limit:
-            raise BrokenPromise(
-                f"the residual of {where.states[i]} is not Lipschitz at this grid: {100 * rough:.2g} % of the cells "
-                f"are rough; {known.grid.place(where.states, where.grid.box.lo, where.grid.box.hi)}",
-                remedy(where, settings, known.grid, rough, residual=True),
+    @classmethod
+    def bound(cls, fits: Sequence[LinearFit], given: BoundInputs) -> tuple[LinearGap, list[Sides]]:
+        """Pad every side and put the dimensions together."""
+        where, settings = given.where, given.settings
+        blank = blank_form(Basis(fits[0].terms, where.states, where.input_names), where)
+        sides: list[Sides] = []
+        for i, (fit, known) in enumerate(zip(fits, given.lipschitz, strict=True)):
+            floor = float(where.rounding[i])
+            sides.append(
+                {name: padded(s, blank, where, floor, known.grid, settings.padding) for name, s in fit.sides.items()}
             )
-    tiers = _tiers(where, settings, lipschitz, sides)
-    if settings.signed:
-        lows = tuple(negated(s["lower"].form) for s in sides)
-        return _lifted(LinearGap(where.domain, tiers, lows, tuple(s["upper"].form for s in sides))), sides
-    return _lifted(LinearGap.unsigned(where.domain, tiers, [s["both"].form for s in sides])), sides
+            rough = max(side.rough_share for side in sides[-1].values())
+            if settings.padding == "inflate" and rough > settings.lipschitz.rough_limit:
+                raise BrokenPromise(
+                    f"the residual of {where.states[i]} is not Lipschitz at this grid: {100 * rough:.2g} % of the "
+                    f"cells are rough; {known.grid.place(where.states, where.grid.box.lo, where.grid.box.hi)}",
+                    remedy(where, settings, known.grid, rough, residual=True),
+                )
+        tiers = _tiers(where, settings, given.lipschitz, sides)
+        if settings.signed:
+            lows = tuple(negated(s["lower"].form) for s in sides)
+            return _lifted(LinearGap(where.domain, tiers, lows, tuple(s["upper"].form for s in sides))), sides
+        return _lifted(LinearGap.unsigned(where.domain, tiers, [s["both"].form for s in sides])), sides
 
 
 def _lifted(function: LinearGap) -> LinearGap:
@@ -136,7 +121,7 @@ def _lifted(function: LinearGap) -> LinearGap:
 
 
 def _tiers(
-    where: SampleGrid, settings: GapSettings, lipschitz: Sequence[DimensionLipschitz], sides: Sequence[Sides]
+    where: SampleGrid, settings: GapSection, lipschitz: Sequence[DimensionLipschitz], sides: Sequence[Sides]
 ) -> tuple[Tier, ...]:
     rough = [max(s.rough_share for s in own.values()) for own in sides]
     extra = ""
@@ -150,3 +135,78 @@ def _tiers(
     beside = directed_words(where.states, directed, factors)
     slopes = [known.grid for known in lipschitz]
     return guarantee(settings.padding, where.states, slopes, rough, f"{extra} {beside}".strip())
+
+
+@dataclass(frozen=True, eq=False)
+class CentreFit(
+    DimensionFit,
+    kind="centre",
+    program="none: a conformal bound is a least-squares centre with a width from random samples",
+):
+    """Centre of one dimension, q.p by least squares, and its scale: root mean square of what it leaves (1 for 0)."""
+
+    terms: tuple[str, ...]
+    coefficients: Floats
+    scale: float
+
+    @classmethod
+    def of(cls, samples: DimensionSamples, settings: GapSection) -> CentreFit:
+        """The centre of one dimension from the grid samples (0 if unsigned).
+
+        Raises:
+            UserError: where hidden states spread the gap.
+        """
+        if samples.d_upper is not None:
+            raise UserError(
+                "a conformal bound does not cover a gap that hidden states of the simulator spread",
+                key="gap.bound",
+                remedy="Use scenario or envelope.",
+            )
+        basis = basis_of(samples.where, settings)
+        design = Design(basis, Centres(samples.where.grid), samples.where.inputs)
+        d = samples.side(upper=True)
+        q = design.least_squares(d) if settings.signed else np.zeros(basis.size)
+        squares = Combined(lambda own, fitted: (own - fitted) ** 2, (d, design.product(q)))
+        scale = float(np.sqrt(squares.mean()))
+        return cls(basis.terms, q, scale if scale > 0.0 else 1.0)
+
+    @classmethod
+    def bound(cls, fits: Sequence[CentreFit], given: BoundInputs) -> tuple[LinearGap, list[Sides]]:
+        """The width of all dimensions from the calibration samples.
+
+        Raises:
+            UserError: without calibration samples (those of a grid are not exchangeable with a random state, so none
+                of them can stand in), or with too few for the miscoverage.
+        """
+        where, settings, calibration = given.where, given.settings, given.calibration
+        if calibration is None:
+            raise UserError(
+                "a conformal bound needs random samples of its own",
+                key="gap.conformal",
+                remedy="Make them with `simgap calibration` and give them to the gap stage as --calibration.",
+            )
+        blank = blank_form(Basis(fits[0].terms, where.states, where.input_names), where)
+        forms = tuple(replace(blank, coefficients=fit.coefficients) for fit in fits)
+        scale = np.array([fit.scale for fit in fits])
+        centre = np.stack([f.values(calibration.x, calibration.u) for f in forms], axis=1)
+        score = (np.abs(calibration.d - centre) / scale).max(axis=1)
+        factor = reach(score, 1.0 - settings.conformal.miscoverage)
+        if not np.isfinite(factor):
+            raise UserError(
+                f"{len(score)} calibration samples are too few for a miscoverage of {settings.conformal.miscoverage:g}",
+                key="gap.conformal.miscoverage",
+                remedy=f"Use at least {fewest(1.0 - settings.conformal.miscoverage)} samples.",
+            )
+        half = factor * scale + where.rounding / 16.0 + np.array([f.rounding for f in forms])
+        tier = _conformal_tier(settings, len(score))
+        return LinearGap(where.domain, (tier,), forms, forms).raised(half, half), [{} for _ in fits]
+
+
+def _conformal_tier(settings: GapSection, n: int) -> Tier:
+    cover = f"{100 * (1.0 - settings.conformal.miscoverage):g} %"
+    return Tier(
+        3,
+        "Split conformal: a random state and input drawn from the distribution of the calibration samples lies in the "
+        f"bound with probability at least {cover} ({n:,} calibration samples, averaged over their draw). It is not a "
+        "bound for every state.",
+    )

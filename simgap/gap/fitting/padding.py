@@ -18,26 +18,26 @@ residual, from the samples themselves. The other two never enter the program and
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.config.gap import GapSection
 from simgap.gap.bounds.basis import Form
-from simgap.gap.fitting.design import Design
-from simgap.gap.fitting.scenario import ScenarioResult, solve_scenario
+from simgap.gap.fitting.scenario import Design, ScenarioResult, solve_scenario
+from simgap.gap.json_record import JsonRecord
+from simgap.gap.lipschitz.grid import GridLipschitz
 from simgap.gap.lipschitz.local import Beside, EnclosedPadding, Fit, LocalPadding
-from simgap.gap.lipschitz.result import GridLipschitz
-from simgap.gap.sampling.samples import DimensionSamples, Directed, SampleGrid
-from simgap.gap.sampling.values import Centres, Combined, Held, Joined, Room, Values, largest_of
-from simgap.gap.settings import GapSettings
-from simgap.geometry import Grid
+from simgap.gap.sampling.borders import Directed
+from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
+from simgap.gap.sampling.values import Centres, Combined, Joined, Values, largest_of
 
 
 @dataclass(frozen=True, eq=False)
-class SideFit:
+class SideFit(JsonRecord, names={"scenario": "program"}):
     """Result of the scenario program of one side, before rounding and before a padding that is no part of it.
 
     Attributes:
@@ -57,20 +57,6 @@ class SideFit:
     rough_share: float
     directed: int = 0
     factor: float = 0.0
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain data."""
-        names = ("padding", "padding_mean", "missing", "passes", "rough_share", "directed", "factor")
-        own = {name: getattr(self, name) for name in names}
-        return {"coefficients": self.scenario.coefficients.tolist(), "program": self.scenario.to_json(), **own}
-
-    @staticmethod
-    def from_json(data: Mapping[str, Any]) -> SideFit:
-        """The inverse of `to_json`."""
-        scenario = ScenarioResult.from_json(data["program"], np.array(data["coefficients"], dtype=float))
-        padding, mean, missing, rough = (float(data[k]) for k in ("padding", "padding_mean", "missing", "rough_share"))
-        beside = int(data["directed"]), float(data["factor"])
-        return SideFit(scenario, padding, mean, missing, int(data["passes"]), rough, *beside)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,8 +78,9 @@ class PaddedSide:
 
     def to_json(self) -> dict[str, Any]:
         """Numbers for gap.json and the report."""
+        program = {name: own for name, own in self.fit.scenario.to_json().items() if name != "coefficients"}
         return {
-            **self.fit.scenario.to_json(), "padding": self.padding, "padding_mean": self.padding_mean,
+            **program, "padding": self.padding, "padding_mean": self.padding_mean,
             "raised": self.raised, "passes": self.fit.passes, "lipschitz_of_basis": self.form.gradient_bound.tolist(),
             "rough_share": self.rough_share, "directed": self.fit.directed, "directed_factor": self.fit.factor,
         }  # fmt: skip
@@ -133,99 +120,80 @@ _PASSES = 5
 
 @dataclass(frozen=True, eq=False)
 class SideProblem:
-    """The problem of one side: targets [(N, M), ...] that q.p must cover, and where they were sampled.
+    """The problem of one side of the bound of a dimension, or of both at once.
 
-    `directed` are samples beside the grid, with their own targets [(E, M), ...] in the same order; `room` is where
-    paddings are kept.
+    Attributes:
+        design: its rows. samples: of the dimension. sides: True for the upper one, False for the lower; q.p must cover
+            the target of each. blank: the form with zero coefficients; it carries the ranges of the basis.
     """
 
     design: Design
-    targets: Sequence[Values]
-    grid: Grid
-    free: tuple[int, ...]
-    floor: float
-    blank: Form  # zero coefficients; carries the ranges of the basis
-    directed: Directed | None = None
-    beside_targets: Sequence[Floats] = ()
-    enclosed: Sequence[EnclosedPadding] = ()  # of the targets, for a gap that is known in closed form
-    room: Room = Held.room
+    samples: DimensionSamples
+    sides: tuple[bool, ...]
+    blank: Form
 
-    def local(self) -> list[LocalPadding]:
-        """Local paddings of the targets."""
-        return [LocalPadding(t, self.grid, self.free, self.floor, self.room) for t in self.targets]
+    @cached_property
+    def targets(self) -> list[Values]:
+        """What q.p must cover at the samples of the grid, (N, M) a side."""
+        return [self.samples.side(up) for up in self.sides]
 
-    def beside(self, directed: Directed, residual: Floats) -> Beside:
-        """The samples beside the grid, with the residual (E, M) there."""
-        return Beside(self.grid.index(directed.x), directed.at, residual)
+    @cached_property
+    def beside_targets(self) -> list[Floats]:
+        """What it must cover at the samples beside the grid, (E, M) a side; none without them."""
+        beside = self.samples.beside
+        return [beside.side(up) for up in self.sides] if beside is not None else []
 
     def joined(self) -> SideProblem:
         """The problem whose design has the samples beside the grid as further rows."""
-        if self.directed is None:
-            return self
-        return replace(self, design=replace(self.design, x=Joined(self.design.x, self.directed.x)))
+        beside = self.samples.beside
+        return self if beside is None else replace(self, design=replace(self.design, x=Joined(self.design.x, beside.x)))
+
+    @property
+    def is_joined(self) -> bool:
+        """True if the design has the samples beside the grid as further rows."""
+        return self.design.shape[0] > self.samples.where.grid.size
 
     @property
     def every_target(self) -> list[Values]:
         """Targets of all rows of the design."""
-        if self.design.shape[0] == self.grid.size:
-            return list(self.targets)
+        if not self.is_joined:
+            return self.targets
         return [Joined(*pair) for pair in zip(self.targets, self.beside_targets, strict=True)]
 
     def fit(self, q: Floats) -> Fit:
         """q.p at the samples of the grid, as a padding needs it."""
-        design, form = replace(self.design, x=Centres(self.grid)), with_coefficients(self.blank, q)
+        design, form = replace(self.design, x=Centres(self.samples.where.grid)), with_coefficients(self.blank, q)
         return Fit(design.product(q), lambda j: design.slope(q, j), form.hessian_bound)
 
 
-class TargetPadding(Protocol):
-    """Paddings of one target t: estimated from samples, or enclosed where the gap is known in closed form."""
-
-    @property
-    def axes(self) -> tuple[int, ...]:
-        """Axes along which the gap may change."""
-
-    def of_target(self) -> tuple[Values, float]:
-        """Padding of t itself: (N, M), and the share of rough cells."""
-
-    def of_residual(self, fit: Fit) -> tuple[Values, float]:
-        """Padding of t - q.p: (N, M), and the share of rough cells."""
-
-
-def enclosed(samples: DimensionSamples, sides: Sequence[bool]) -> tuple[EnclosedPadding, ...]:
-    """Paddings of the targets of upper (True) and lower sides where the gap is known in closed form, else none.
-
-    Raises:
-        UserError: a gap in closed form that cannot be enclosed.
-        BrokenPromise: samples that are not those of the closed form.
-    """
-    known = samples.ranges
-    return () if known is None else tuple(EnclosedPadding(samples.side(up), known, up) for up in sides)
-
-
-def local_padding(samples: DimensionSamples, upper: bool) -> TargetPadding:
-    """The paddings of what one side has to cover.
-
-    Raises:
-        UserError: a gap in closed form that cannot be enclosed.
-        BrokenPromise: samples that are not those of the closed form.
-    """
-    known = enclosed(samples, [upper])
-    if known:
-        return known[0]
+def estimated_padding(samples: DimensionSamples, upper: bool) -> LocalPadding:
+    """The paddings of what one side has to cover, from the slopes of the samples."""
     return LocalPadding(samples.side(upper), samples.where.grid, samples.where.free, samples.floor, samples.room)
 
 
-def fit_side(problem: SideProblem, settings: GapSettings) -> SideFit:
+def local_padding(samples: DimensionSamples, upper: bool) -> LocalPadding | EnclosedPadding:
+    """The paddings of what one side has to cover: enclosed where the gap is known in closed form, else estimated.
+
+    Raises:
+        UserError: a gap in closed form that cannot be enclosed.
+        BrokenPromise: samples that are not those of the closed form.
+    """
+    if samples.ranges is None:
+        return estimated_padding(samples, upper)
+    return EnclosedPadding(samples.side(upper), samples.ranges, upper)
+
+
+def fit_side(problem: SideProblem, settings: GapSection) -> SideFit:
     """Fit one side; with padding `inflate` the local paddings are part of the program."""
-    alone = _solved(problem, settings)
-    if problem.directed is None:
+    alone, beside = _solved(problem, settings), problem.samples.beside
+    if beside is None:
         return alone
-    short, factor = _shortfall(problem, problem.directed, settings, alone)
+    short, factor = _shortfall(problem, beside, settings, alone)
     fit = alone if short <= 0.0 else _solved(problem.joined(), settings)
-    return replace(fit, directed=len(problem.directed.x), factor=factor)
+    return replace(fit, directed=len(beside.x), factor=factor)
 
 
-def _solved(problem: SideProblem, settings: GapSettings) -> SideFit:
+def _solved(problem: SideProblem, settings: GapSection) -> SideFit:
     if settings.padding == "inflate":
         return _inflate(problem, settings)
     target = largest_of(tuple(problem.every_target))
@@ -233,32 +201,30 @@ def _solved(problem: SideProblem, settings: GapSettings) -> SideFit:
     return SideFit(result, 0.0, 0.0, result.worst_violation, 1, 0.0)
 
 
-def _shortfall(problem: SideProblem, directed: Directed, settings: GapSettings, fit: SideFit) -> tuple[float, float]:
+def _shortfall(problem: SideProblem, directed: Directed, settings: GapSection, fit: SideFit) -> tuple[float, float]:
     """Shortfall of the grid's bound at the samples beside it, and their rise over the padding of their cells.
 
     The second number: the largest rise of the residual from the centre of a cell to such a sample, over what the slopes
     allow across the surface (1 or less: they said the truth).
     """
-    q = fit.scenario.coefficients
+    q, samples = fit.scenario.coefficients, problem.samples
     form, known = with_coefficients(problem.blank, q), problem.fit(q)
     there = Design.of(problem.design.basis, directed.x, problem.design.u).product(q).whole()
     short, factor = -np.inf, 0.0
-    for own, at, target in zip(problem.local(), problem.beside_targets, problem.targets, strict=True):
-        beside = problem.beside(directed, at - there)
-        along, across = own.along(beside, known)
+    for up, at, target in zip(problem.sides, problem.beside_targets, problem.targets, strict=True):
+        beside = Beside.of(directed, samples.where.grid, at - there)
+        along, across = estimated_padding(samples, up).along(beside, known)
         needed = at + (along if settings.padding == "inflate" else 0.0)
-        short = max(short, float((needed - there).max()) - fit.missing - numerical(form, problem.floor))
-        risen = (at - there) - (target.take(beside.cells) - known.values.take(beside.cells))
-        factor = max(factor, float((risen / np.maximum(across, problem.floor)).max()))
+        short = max(short, float((needed - there).max()) - fit.missing - numerical(form, samples.floor))
+        risen = (at - there) - (target[beside.cells] - known.values[beside.cells])
+        factor = max(factor, float((risen / np.maximum(across, samples.floor)).max()))
     return short, factor
 
 
-def _inflate(problem: SideProblem, settings: GapSettings) -> SideFit:
-    n, targets = problem.grid.size, problem.every_target
-    plain = largest_of(tuple(targets))
-    estimated = problem.local()
-    local: Sequence[TargetPadding] = problem.enclosed or estimated
-    result = solve_scenario(problem.design, plain, settings.objective, settings.slack)
+def _inflate(problem: SideProblem, settings: GapSection) -> SideFit:
+    targets, samples = problem.every_target, problem.samples
+    local = [local_padding(samples, up) for up in problem.sides]
+    result = solve_scenario(problem.design, largest_of(tuple(targets)), settings.objective, settings.slack)
     goal = "sup" if settings.objective == "eta" else "mean"
     fits: list[tuple[float, SideFit]] = []
     for count in range(1, _PASSES + 1):
@@ -269,16 +235,14 @@ def _inflate(problem: SideProblem, settings: GapSettings) -> SideFit:
         mean = float(np.mean([pad.mean() for pad, _ in pads]))
         rough = max(share for _, share in pads)
         every = [pad for pad, _ in pads]
-        if problem.directed is not None and problem.design.shape[0] > n:
-            there = values.rows(n, problem.design.shape[0])
-            moved = [
-                own.along(problem.beside(problem.directed, at - there), known)[0]
-                for own, at in zip(estimated, problem.beside_targets, strict=True)
-            ]
-            every = [Joined(*pair) for pair in zip(every, moved, strict=True)]
+        if samples.beside is not None and problem.is_joined:
+            there = values[samples.where.grid.size : problem.design.shape[0]]
+            for k, (up, at) in enumerate(zip(problem.sides, problem.beside_targets, strict=True)):
+                beside = Beside.of(samples.beside, samples.where.grid, at - there)
+                every[k] = Joined(every[k], estimated_padding(samples, up).along(beside, known)[0])
         padded = largest_of(tuple(Combined(np.add, pair) for pair in zip(targets, every, strict=True)))
         missing = Combined(np.subtract, (padded, values)).ends()[1]
-        reached = float(getattr(result, goal)) + (missing + numerical(form, problem.floor))
+        reached = float(getattr(result, goal)) + (missing + numerical(form, samples.floor))
         fits.append((reached, SideFit(result, top, mean, missing, count, rough)))
         if abs(missing) <= 1e-2 * top or count == _PASSES:
             break

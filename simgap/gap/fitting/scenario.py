@@ -9,30 +9,169 @@ added where it is part of the constraint. `lexicographic` then minimises the mea
 A working set of rows is solved with Clarabel; all rows are scanned for the most violated ones, which join the working
 set, until none is violated by more than the tolerance. Any working set gives a lower bound of the optimum, so
 optimum <= true optimum <= optimum + worst violation.
+
+The rows of the program are the basis at every sample, and are never stored as one matrix. A term that depends on the
+state alone is evaluated once for each state, one that depends on the input alone once for each input; NumPy's
+broadcasting makes the product of them, for some states at a time. So a pass over a million samples costs a few
+milliseconds, and a hundred million take no more memory.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from itertools import pairwise
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import combinations_with_replacement, pairwise
 
 import numpy as np
 
 from simgap.arrays import Floats
 from simgap.errors import UserError
-from simgap.gap.fitting.design import Design
-from simgap.gap.sampling.values import Combined, Rows, Values, values
+from simgap.gap.bounds.basis import Basis
+from simgap.gap.json_record import JsonRecord
+from simgap.gap.sampling.values import Combined, Held, OfStates, Rows, Values, values
 from simgap.late import scipy
+from simgap.late import sympy as sp
+from simgap.model.symbolic import symbol
 
 _ADD = 96  # rows that join in a round, from each kind
 _ROUNDS = 60
-_REPORTED = ("optimum", "mean", "sup", "worst_violation", "rounds", "working_set", "samples", "objective", "status")
+Term = Callable[..., Floats | float]
 
 
 @dataclass(frozen=True, eq=False)
-class ScenarioResult:
+class Design:
+    """Rows p(x_r, u_m) of all states (N, nx) times inputs (M, nu); row index r M + m."""
+
+    basis: Basis
+    x: Values
+    u: Floats
+
+    @staticmethod
+    def of(basis: Basis, x: Floats, u: Floats) -> Design:
+        """The design of states in memory."""
+        return Design(basis, Held(x), u)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(N, M)."""
+        return self.x.shape[0], len(self.u)
+
+    @property
+    def size(self) -> int:
+        """Number of rows."""
+        return self.x.shape[0] * len(self.u)
+
+    def rows(self, index: Rows) -> Floats:
+        """Rows by index: (k,) -> (k, z)."""
+        return self.basis.evaluate(self.x[index // len(self.u)], self.u[index % len(self.u)])
+
+    def _evaluate(self, function: Term, x: Floats) -> Floats:
+        """A term at states (n, nx), in the smallest shape that broadcasts to (n, M)."""
+        value = np.asarray(function(*x.T[:, :, None], *self.u.T[:, None, :]), dtype=float)
+        return value.reshape((1, 1)) if value.ndim == 0 else value
+
+    @cached_property
+    def _functions(self) -> list[Term]:
+        return [self._compiled(e) for e in self.basis.exprs]
+
+    @cached_property
+    def _slope_functions(self) -> list[list[Term | None]]:
+        return [[None if e == 0 else self._compiled(e) for e in row] for row in self.basis.gradients]
+
+    def _compiled(self, expr: sp.Expr) -> Term:
+        symbols = [symbol(s) for s in (*self.basis.states, *self.basis.inputs)]
+        function: Term = sp.lambdify(symbols, expr, modules="numpy", cse=True)
+        return function
+
+    def columns(self, x: Floats) -> list[Floats]:
+        """Every term at states (n, nx), in shapes that broadcast to (n, M)."""
+        return [self._evaluate(function, x) for function in self._functions]
+
+    def product(self, q: Floats) -> Values:
+        """q.p at every sample: (z,) -> (N, M)."""
+        parts = [(v, f) for v, f in zip(q, self._functions, strict=True) if v != 0.0]
+        return self._summed(parts)
+
+    def slope(self, q: Floats, j: int) -> Values:
+        """d q.p / d x_j at every sample: (z,) -> (N, M)."""
+        parts = [(v, row[j]) for v, row in zip(q, self._slope_functions, strict=True)]
+        return self._summed([(v, f) for v, f in parts if v != 0.0 and f is not None])
+
+    def _summed(self, parts: Sequence[tuple[float, Term]]) -> Values:
+        """Sum of broadcastable parts; those of one shape are added before they meet the others."""
+
+        def summed(x: Floats) -> Floats:
+            by_shape: dict[tuple[int, ...], Floats] = {}
+            for v, function in parts:
+                part = v * self._evaluate(function, x)
+                by_shape[part.shape] = by_shape[part.shape] + part if part.shape in by_shape else part
+            total = np.zeros((len(x), len(self.u)))
+            for part in by_shape.values():
+                total += part
+            return total
+
+        return OfStates(summed, self.x, len(self.u))
+
+    def _parts(self) -> Iterator[tuple[float, list[Floats]]]:
+        """Blocks of states as those of values of this shape: their share of all, and every term there."""
+        for block in self._summed(()).blocks():
+            x = self.x[block]
+            yield len(x) / self.shape[0], self.columns(x)
+
+    @cached_property
+    def mean(self) -> Floats:
+        """(z,) mean row."""
+        total = np.zeros(self.basis.size)
+        for share, columns in self._parts():
+            total += share * np.array([c.mean() for c in columns])
+        return total
+
+    @cached_property
+    def _gram(self) -> Floats:
+        """(z, z) mean of p p^T."""
+        z = self.basis.size
+        gram = np.zeros((z, z))
+        for share, columns in self._parts():
+            for a, b in combinations_with_replacement(range(z), 2):
+                gram[a, b] += share * (columns[a] * columns[b]).mean()
+        return np.triu(gram) + np.triu(gram, 1).T
+
+    @cached_property
+    def whitening(self) -> Floats:
+        """(z, k) map from coordinates y to coefficients q = W y in which the mean of (q.p)^2 is |y|^2.
+
+        Directions in which the samples do not tell the terms apart are left out (their coefficient is 0).
+        """
+        scale = np.sqrt(np.diag(self._gram))
+        scale = np.where(scale > 0.0, scale, 1.0)
+        values, vectors = np.linalg.eigh(self._gram / np.outer(scale, scale))
+        kept = values > 1e-12 * values.max()
+        return (vectors[:, kept] / np.sqrt(values[kept])) / scale[:, None]
+
+    def least_squares(self, target: Values) -> Floats:
+        """(z,) coefficients of the least-squares fit of (N, M) values; refined once against rounding."""
+        w, q = self.whitening, np.zeros(self.basis.size)
+        for _ in range(2):
+            product, moment = self.product(q), np.zeros(len(q))
+            for block in target.blocks():
+                rest, columns = target[block] - product[block], self.columns(self.x[block])
+                moment += len(rest) / self.shape[0] * np.array([_moment(column, rest) for column in columns])
+            q = q + w @ (w.T @ moment)
+        return q
+
+
+def _moment(column: Floats, rest: Floats) -> float:
+    """Mean of column * rest without blowing the column up."""
+    small = rest
+    for axis in (0, 1):
+        if column.shape[axis] == 1:
+            small = small.mean(axis=axis, keepdims=True)
+    return float((column * small).mean())
+
+
+@dataclass(frozen=True, eq=False)
+class ScenarioResult(JsonRecord):
     """Solution of one scenario program.
 
     Attributes:
@@ -41,6 +180,7 @@ class ScenarioResult:
         worst_violation: largest target - q.p over all samples, 0 if none; the bound is raised by it.
         rounds, working_set, samples: of the last objective, with all rows scanned in each round.
         status: a sentence that names the remedy when something is short of exact.
+        rows: of the working set, for a related program; they are not saved.
     """
 
     coefficients: Floats
@@ -53,16 +193,7 @@ class ScenarioResult:
     samples: int
     objective: str
     status: str
-    rows: Rows
-
-    def to_json(self) -> dict[str, Any]:
-        """Numbers and status for the report."""
-        return {name: getattr(self, name) for name in _REPORTED}
-
-    @staticmethod
-    def from_json(data: Mapping[str, Any], coefficients: Floats) -> ScenarioResult:
-        """The inverse of `to_json` for coefficients (z,); the rows of the working set are not kept."""
-        return ScenarioResult(coefficients, **{name: data[name] for name in _REPORTED}, rows=np.empty(0, np.int64))
+    rows: Rows = field(default_factory=lambda: np.empty(0, np.int64), repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +212,7 @@ class _Scaled:
         start = design.least_squares(target)
         product, level, largest, residual = design.product(start), 0.0, 0.0, 0.0
         for block in target.blocks():
-            wanted, fitted = target.rows(*block), product.rows(*block)
+            wanted, fitted = target[block], product[block]
             level, largest = max(level, float(np.abs(wanted).max())), max(largest, float(np.abs(fitted).max()))
             residual = max(residual, float(np.abs(wanted - fitted).max()))
         unit = max(residual, 1e-7 * level) or np.finfo(np.float64).eps  # zeros are fitted to rounding
@@ -142,7 +273,7 @@ def _first_rows(scaled: _Scaled) -> Rows:
     states = np.unique([*outermost(scaled.design.x), n // 2])
     inputs = np.unique([*u.argmin(axis=0), *u.argmax(axis=0), m // 2])
     corners = (states[:, None] * m + inputs).ravel()
-    missed = scan(scaled.target, scaled.design.product(scaled.start), None, _ADD).short
+    missed, _ = scan(scaled.target, scaled.design.product(scaled.start), None, _ADD)
     return np.unique(np.concatenate([corners, missed.rows(-np.inf)]))
 
 
@@ -152,12 +283,12 @@ def _generate(scaled: _Scaled, rows: Rows, cap: float | None) -> tuple[float, Fl
     for count in range(1, _ROUNDS + 1):
         y, eta = _solve_working_set(scaled, rows, cap)
         found = scan(scaled.target, scaled.design.product(scaled.coefficients(y)), eta, _ADD)
-        if found.largest <= scaled.tolerance:
+        largest = max(own.largest for own in found)
+        if largest <= scaled.tolerance:
             return eta, y, rows, count, True
-        more = np.union1d(found.short.rows(scaled.tolerance), found.over.rows(scaled.tolerance))
-        grown = np.union1d(rows, more)
+        grown = np.union1d(rows, np.union1d(*(own.rows(scaled.tolerance) for own in found)))
         if len(grown) == len(rows):  # the solver's own accuracy is the limit
-            return eta, y, rows, count, found.largest <= 1e-6 * scaled.level
+            return eta, y, rows, count, largest <= 1e-6 * scaled.level
         rows = grown
     return eta, y, rows, _ROUNDS, False
 
@@ -170,7 +301,7 @@ def _solve_working_set(scaled: _Scaled, rows: Rows, cap: float | None) -> tuple[
     a, base, target = (
         p @ design.whitening,
         p @ scaled.start,
-        scaled.target.take(rows // m)[np.arange(len(rows)), rows % m],
+        scaled.target[rows // m][np.arange(len(rows)), rows % m],
     )
     origin = float(base.max())  # eta is measured from here, so that the numbers stay of one size
     n, size = a.shape  # of z = (y, w, eta), where w bounds |y|: one large number in the program and not 2 n of them
@@ -236,15 +367,15 @@ class Most:
 
 def outermost(x: Values) -> Rows:
     """The first rows that are least and largest along each axis, and largest along each diagonal, of states (N, nx)."""
-    lo = np.min([x.rows(*block).min(axis=0) for block in x.blocks()], axis=0)
-    hi = np.max([x.rows(*block).max(axis=0) for block in x.blocks()], axis=0)
+    lo = np.min([x[block].min(axis=0) for block in x.blocks()], axis=0)
+    hi = np.max([x[block].max(axis=0) for block in x.blocks()], axis=0)
     signs = np.array(np.meshgrid(*([[-1.0, 1.0]] * len(lo)), indexing="ij")).reshape(len(lo), -1)
     signs /= np.where(hi > lo, hi - lo, 1.0)[:, None]
     most = Most(2 * len(lo) + signs.shape[1])
-    for first, last in x.blocks():
-        own = x.rows(first, last)
+    for block in x.blocks():
+        own = x[block]
         diagonals = np.sum([own[:, [j]] * row for j, row in enumerate(signs)], axis=0)
-        most.update(np.concatenate([-own, own, diagonals], axis=1), first)
+        most.update(np.concatenate([-own, own, diagonals], axis=1), block.start)
     return most.at
 
 
@@ -269,29 +400,16 @@ class Worst:
         return rows[order][size[order] > tolerance]
 
 
-@dataclass(frozen=True)
-class Scan:
-    """Shortfall of rows below their targets, and their excess over eta."""
-
-    short: Worst
-    over: Worst
-
-    @property
-    def largest(self) -> float:
-        """The largest violation of all."""
-        return max(self.short.largest, self.over.largest)
-
-
-def scan(target: Values, product: Values, eta: float | None, most: int) -> Scan:
-    """Scan rows `target <= product <= eta`, (N, M), and keep `most` of each kind; without `eta` nothing exceeds it."""
+def scan(target: Values, product: Values, eta: float | None, most: int) -> tuple[Worst, Worst]:
+    """Shortfall of rows (N, M) below their targets, and their excess over eta, of which without it there is none."""
     n, m = target.shape
     slices = min(n, max(1, most // m))
     ends = np.cumsum([0, *(n // slices + (k < n % slices) for k in range(slices))])
     short, over = (tuple(Most(m) for _ in range(slices)) for _ in range(2))
     for k, (start, stop) in enumerate(pairwise(ends.tolist())):
-        for first, last in product.blocks(start, stop):
-            values = product.rows(first, last)
-            short[k].update(target.rows(first, last) - values, first)
+        for block in product.blocks(start, stop):
+            values = product[block]
+            short[k].update(target[block] - values, block.start)
             if eta is not None:
-                over[k].update(values - eta, first)
-    return Scan(Worst(short, most), Worst(over, most))
+                over[k].update(values - eta, block.start)
+    return Worst(short, most), Worst(over, most)

@@ -14,13 +14,12 @@ from functools import reduce
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.config.gap import GapSection
 from simgap.distributions import chi2
-from simgap.gap.lipschitz.grid import estimate
+from simgap.gap.lipschitz.grid import DimensionLipschitz, GridLipschitz, LipschitzRow, estimate, worse
 from simgap.gap.lipschitz.local import enclosed_constants
-from simgap.gap.lipschitz.result import DimensionLipschitz, GridLipschitz, LipschitzRow, worse
 from simgap.gap.sampling.samples import DimensionSamples
 from simgap.gap.sampling.values import Rows, Values
-from simgap.gap.settings import GapSettings
 from simgap.late import scipy
 
 _SHAPES = (1.0, 1e3)  # c >= 1: the likelihood is unbounded below it
@@ -110,7 +109,7 @@ def _profile(maxima: Floats, location: float) -> tuple[float, float]:
 _REACH = 3  # cells: pairs lie within this many cells of each other along every axis
 
 
-def dimension_lipschitz(samples: DimensionSamples, settings: GapSettings) -> DimensionLipschitz:
+def dimension_lipschitz(samples: DimensionSamples, settings: GapSection) -> DimensionLipschitz:
     """Lipschitz constants of one dimension; no basis and no padding enters.
 
     Of a gap with a range both ends are estimated, and the worse of each number is taken: a side of the bound has to
@@ -131,13 +130,13 @@ def dimension_lipschitz(samples: DimensionSamples, settings: GapSettings) -> Dim
 
 
 def compare_estimates(
-    samples: DimensionSamples, found: GridLipschitz, settings: GapSettings
+    samples: DimensionSamples, found: GridLipschitz, settings: GapSection
 ) -> tuple[LipschitzRow, ...]:
     """The grid estimate and, if the settings ask for them, extreme-value ones from random pairs of grid samples."""
     worst = f"L(h/2)/L(h) = {found.ratio.max():.3f}" + ("" if found.resolved else ", not resolved")
     rows = [LipschitzRow("grid", found.euclidean, None, worst)]
     moving = [j for j in range(len(samples.where.states)) if j not in samples.where.free]
-    if not settings.extreme_value or not moving:
+    if not settings.lipschitz.extreme_value or not moving:
         return tuple(rows)
     slopes = _grid_pair_slopes(samples, moving, settings)
     maxima = slopes.max(axis=1)
@@ -154,13 +153,13 @@ def compare_estimates(
     )
 
 
-def _grid_pair_slopes(samples: DimensionSamples, moving: list[int], settings: GapSettings) -> Floats:
+def _grid_pair_slopes(samples: DimensionSamples, moving: list[int], settings: GapSection) -> Floats:
     """Slopes of random pairs of samples with the same input, of a range the steeper end's: (blocks, pairs).
 
     One stream of random numbers serves the dimensions in order, so those of the dimensions before are drawn and left.
     """
     where, rng = samples.where, np.random.default_rng(settings.seed)
-    shape = (settings.extreme_value_blocks, settings.extreme_value_pairs)
+    shape = (settings.lipschitz.extreme_value_blocks, settings.lipschitz.extreme_value_pairs)
     cells = np.array(where.grid.cells)
     for _ in range(samples.i + 1):
         first = rng.integers(0, cells, size=(*shape, len(cells)))
@@ -180,4 +179,4 @@ def _grid_pair_slopes(samples: DimensionSamples, moving: list[int], settings: Ga
 
 def _picked(d: Values, rows: Rows, m: Rows) -> Floats:
     """Single numbers of (N, M) values, in the shape of `rows` and `m`."""
-    return d.take(rows.ravel())[np.arange(rows.size), m.ravel()].reshape(rows.shape)
+    return d[rows.ravel()][np.arange(rows.size), m.ravel()].reshape(rows.shape)

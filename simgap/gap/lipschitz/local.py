@@ -31,10 +31,9 @@ import numpy as np
 
 from simgap.arrays import Bools, Floats, Ints
 from simgap.gap.bounds.closed_form import CellRanges
-from simgap.gap.lipschitz.grid import REACH, Roughness, moving_axes, roughness
-from simgap.gap.lipschitz.result import GridLipschitz
+from simgap.gap.lipschitz.grid import REACH, GridLipschitz, Roughness, moving_axes, roughness
 from simgap.gap.lipschitz.stencils import Slab, slabs, steps, to_cells, turns, widest
-from simgap.gap.sampling.borders import Borders
+from simgap.gap.sampling.borders import Borders, Directed
 from simgap.gap.sampling.values import Combined, Held, Kept, Room, Values
 from simgap.gap.thresholds import GATE
 from simgap.geometry import Grid
@@ -47,6 +46,11 @@ class Beside:
     cells: Ints
     at: Borders
     residual: Floats
+
+    @staticmethod
+    def of(directed: Directed, grid: Grid, residual: Floats) -> Beside:
+        """Samples beside this grid, with the residual there."""
+        return Beside(grid.index(directed.x), directed.at, residual)
 
     def moved(self, j: int, h: float) -> Floats:
         """How far the residual may move along axis j within h on its own sheet, by its own neighbours there: (E, M).
@@ -159,7 +163,7 @@ class LocalPadding:
         for slab in self._slabs():
             of_slab, own = _Read(slab, self, fit), _rows(slab, self.target)
             rows = own.reshape(-1, self.target.shape[1])
-            rows[:] = pad.rows(slab.first, slab.first + len(rows))
+            rows[:] = pad[slab.first : slab.first + len(rows)]
             for some in slab.inputs:
                 where = of_slab.marks(rough, some)
                 if where.any():

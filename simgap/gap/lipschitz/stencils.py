@@ -121,7 +121,7 @@ class Slab:
 
     def read(self, values: Values) -> Floats:
         """Values (N, M) on the slab: (cells_1, ..., cells_nx, M)."""
-        parts = [values.rows(*ends) for ends in self.ranges]
+        parts = [values[slice(*ends)] for ends in self.ranges]
         rows = parts[0] if len(parts) == 1 else np.concatenate(parts)
         return rows.reshape(*self.grid.cells, -1)
 

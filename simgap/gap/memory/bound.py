@@ -15,15 +15,14 @@ from simgap.config.case import Case
 from simgap.config.gap import HiddenStateSection
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bounds.body_frame import BodyFrameGap
-from simgap.gap.bounds.function import GapDomain
+from simgap.gap.bounds.function import GapDomain, Tier
 from simgap.gap.bounds.previous import PreviousClasses
-from simgap.gap.bounds.tiers import Tier
 from simgap.gap.fitting.acceptance import FreshCheck, check_sequences, confirmed, tolerate
 from simgap.gap.memory.fit import HistoryInfluence, HullFit
 from simgap.gap.memory.hidden_state import TOP, check_fading, tolerance_of
 from simgap.gap.memory.search import BoundTable, Searched, search
-from simgap.gap.sampling.gap_samples import previous_classes, read_back
 from simgap.gap.sampling.points import Columns, Points, body_samples
+from simgap.gap.sampling.samples import previous_classes, read_back
 from simgap.gap.sampling.symmetry import SymmetryDeviation
 from simgap.plants.context import Context, pose_axes
 from simgap.simulators.body_samples import REST

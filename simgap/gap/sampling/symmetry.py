@@ -15,7 +15,7 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.errors import BrokenPromise
-from simgap.gap.bounds.tiers import Tier
+from simgap.gap.bounds.function import Tier
 from simgap.gap.sampling.points import free_axes
 from simgap.plants.context import Context
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgap.arrays import Floats, Ints
+from simgap.errors import UserError
 from simgap.geometry import Grid
 
 Rows = Ints
@@ -29,12 +30,8 @@ class Values(ABC):
         """(N, M)."""
 
     @abstractmethod
-    def rows(self, first: int, last: int) -> Floats:
-        """Rows from `first` to before `last`, (last - first, M); they may be a view."""
-
-    @abstractmethod
-    def take(self, index: Rows) -> Floats:
-        """Rows by index: (k,) -> (k, M)."""
+    def __getitem__(self, rows: slice | Rows) -> Floats:
+        """Rows from one to before another, which may be a view, or by index (k,): -> (n, M)."""
 
     @property
     def size(self) -> int:
@@ -43,21 +40,21 @@ class Values(ABC):
 
     def whole(self) -> Floats:
         """All of them in memory, (N, M)."""
-        return self.rows(0, self.shape[0])
+        return self[0 : self.shape[0]]
 
-    def blocks(self, first: int = 0, last: int | None = None) -> Iterator[tuple[int, int]]:
-        """Ends of consecutive rows that are looked at together; of all, if no others are named."""
+    def blocks(self, first: int = 0, last: int | None = None) -> Iterator[slice]:
+        """Consecutive rows that are looked at together; of all, if no others are named."""
         step, end = max(1, BLOCK // self.shape[1]), self.shape[0] if last is None else last
         for start in range(first, end, step):
-            yield start, min(start + step, end)
+            yield slice(start, min(start + step, end))
 
     def mean(self) -> float:
         """Mean of all."""
-        return float(sum(float(self.rows(*block).sum()) for block in self.blocks()) / self.size)
+        return float(sum(float(self[block].sum()) for block in self.blocks()) / self.size)
 
     def ends(self) -> tuple[float, float]:
         """The least and the largest."""
-        found = [(float(own.min()), float(own.max())) for own in (self.rows(*block) for block in self.blocks())]
+        found = [(float(own.min()), float(own.max())) for own in (self[block] for block in self.blocks())]
         return min(lo for lo, _ in found), max(hi for _, hi in found)
 
 
@@ -89,13 +86,8 @@ class Held(Kept):
         """(N, M)."""
         return len(self.array), self.array.shape[1]
 
-    def rows(self, first: int, last: int) -> Floats:
-        """See `Values`; a view."""
-        return self.array[first:last]
-
-    def take(self, index: Rows) -> Floats:
-        """See `Values`."""
-        return self.array[index]
+    def __getitem__(self, rows: slice | Rows) -> Floats:
+        return self.array[rows]
 
     def put(self, first: int, rows: Floats) -> None:
         """See `Kept`."""
@@ -119,13 +111,8 @@ class Combined(Values):
         """(N, M)."""
         return self.sources[0].shape
 
-    def rows(self, first: int, last: int) -> Floats:
-        """See `Values`."""
-        return self.function(*(own.rows(first, last) for own in self.sources))
-
-    def take(self, index: Rows) -> Floats:
-        """See `Values`."""
-        return self.function(*(own.take(index) for own in self.sources))
+    def __getitem__(self, rows: slice | Rows) -> Floats:
+        return self.function(*(own[rows] for own in self.sources))
 
 
 def largest_of(sources: tuple[Values, ...]) -> Values:
@@ -146,13 +133,8 @@ class OfStates(Values):
         """(N, M)."""
         return self.x.shape[0], self.inputs
 
-    def rows(self, first: int, last: int) -> Floats:
-        """See `Values`."""
-        return self.function(self.x.rows(first, last))
-
-    def take(self, index: Rows) -> Floats:
-        """See `Values`."""
-        return self.function(self.x.take(index))
+    def __getitem__(self, rows: slice | Rows) -> Floats:
+        return self.function(self.x[rows])
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,19 +149,15 @@ class Joined(Values):
         """(N + E, M)."""
         return self.head.shape[0] + len(self.more), self.head.shape[1]
 
-    def rows(self, first: int, last: int) -> Floats:
-        """See `Values`."""
+    def __getitem__(self, rows: slice | Rows) -> Floats:
         count = self.head.shape[0]
-        if last <= count:
-            return self.head.rows(first, last)
-        further = self.more[max(0, first - count) : last - count]
-        return np.concatenate([self.head.rows(first, count), further]) if first < count else further
-
-    def take(self, index: Rows) -> Floats:
-        """See `Values`."""
-        count, found = self.head.shape[0], np.empty((len(index), self.shape[1]))
-        own = index < count
-        found[own], found[~own] = self.head.take(index[own]), self.more[index[~own] - count]
+        if isinstance(rows, slice):
+            if rows.stop <= count:
+                return self.head[rows]
+            further = self.more[max(0, rows.start - count) : rows.stop - count]
+            return np.concatenate([self.head[rows.start : count], further]) if rows.start < count else further
+        found, own = np.empty((len(rows), self.shape[1])), rows < count
+        found[own], found[~own] = self.head[rows[own]], self.more[rows[~own] - count]
         return found
 
 
@@ -194,11 +172,23 @@ class Centres(Values):
         """(N, nx)."""
         return self.grid.size, self.grid.box.size
 
-    def rows(self, first: int, last: int) -> Floats:
-        """See `Values`."""
-        return self.take(np.arange(first, last))
-
-    def take(self, index: Rows) -> Floats:
-        """See `Values`."""
+    def __getitem__(self, rows: slice | Rows) -> Floats:
+        index = np.arange(rows.start, rows.stop) if isinstance(rows, slice) else rows
         places = np.unravel_index(index, self.grid.cells)
         return np.stack([self.grid.axis(j)[k] for j, k in enumerate(places)], axis=-1)
+
+
+def check_numbers(shape: tuple[int, ...], given: dict[str, Floats | None]) -> None:
+    """Refuse gap samples of another shape, and such that are not finite.
+
+    Raises:
+        UserError: with the shape, or how many are not.
+    """
+    for name, own in given.items():
+        if own is not None and own.shape != shape:
+            raise UserError(f"the gap samples {name} have shape {own.shape}, not {shape}")
+        if own is not None and not np.isfinite(own).all():
+            raise UserError(
+                f"{int((~np.isfinite(own)).sum())} gap samples are not finite",
+                remedy="A roll-out diverged: lower tau or add sub-steps.",
+            )

@@ -125,21 +125,26 @@ def drop_boxes_with_holes(table, shape, n, boxes, first, count, ok):  # type: ig
                 lower = table[b + d + e] - table[a + d + e] - table[b + c + e] + table[a + c + e]
                 if upper != lower:
                     ok[i] = 0
-    else:
+    elif n == 4:
+        s0, s1, s2 = np.uint64(shape[3, 0]), np.uint64(shape[3, 1]), np.uint64(shape[3, 2])
         for i in range(count):
-            at = 2 * n * (first + i)
+            at = 8 * (first + i)
             if ok[i]:
-                total = np.int64(0)
-                for corner in range(1 << n):
-                    sign = 1
-                    index = np.int64(0)
-                    for j in range(n):
-                        lower_side = corner >> j & 1
-                        index += (boxes[at + j] if lower_side else boxes[at + n + j] + 1) * shape[3, j]
-                        sign = -sign if lower_side else sign
-                    total += sign * table[index]
+                total = np.int32(0)
+                e, f = np.uint64(boxes[at + 3]), np.uint64(boxes[at + 7] + 1)
+                c, d = np.uint64(boxes[at + 2]) * s2, np.uint64(boxes[at + 6] + 1) * s2
+                for a in (np.uint64(boxes[at + 4] + 1) * s0, np.uint64(boxes[at]) * s0):
+                    total = -total
+                    for b in (np.uint64(boxes[at + 5] + 1) * s1, np.uint64(boxes[at + 1]) * s1):
+                        q = a + b
+                        square = table[q + d + f] - table[q + d + e] - table[q + c + f] + table[q + c + e]
+                        total = square - total
                 if total != 0:
                     ok[i] = 0
+    else:
+        for i in range(count):
+            if ok[i] and table[boxes[2 * (first + i)]] != table[boxes[2 * (first + i) + 1] + 1]:
+                ok[i] = 0
 
 
 MAX_AXES = 4

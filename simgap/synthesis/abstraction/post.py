@@ -26,7 +26,7 @@ from simgap.arrays import Floats, Ints
 from simgap.geometry import Grid
 from simgap.late import njit, numba
 from simgap.model.interval import iadd, imul, widen
-from simgap.model.kept import kept, kept_as
+from simgap.model.kernel_cache import cached_kernel, cached_kernel_as
 
 PAD = 2.0**-42
 """Rounding pad relative to the size of the numbers on an axis: 1024 units in the last place, against at most some tens
@@ -168,7 +168,7 @@ def no_gap(xlo, xhi, u, lo, hi):  # type: ignore[no-untyped-def]
 def image(f: Kernel, jacobian: Kernel) -> Kernel:
     """numba: (xlo, xhi, u, n, lo_out, hi_out) -> None, the box of f over the box [xlo, xhi]."""
 
-    @kept
+    @cached_kernel
     def image_of_box(xlo, xhi, u, n, lo, hi, c):  # type: ignore[no-untyped-def]
         for j in range(n):
             c[j] = 0.5 * (xlo[j] + xhi[j])
@@ -205,7 +205,7 @@ def direct_post(f: Kernel, jacobian: Kernel, gap: Kernel) -> Any:
 
     carray = numba.carray
 
-    @kept_as(POST, "cfunc")
+    @cached_kernel_as(POST, "cfunc")
     def post(k, cells, group, m0, m1, meta, data, table, out):  # type: ignore[no-untyped-def]
         n, nu = meta[0], meta[2]
         numbers = carray(data, (meta[3],))
@@ -237,7 +237,7 @@ def tabulated_post(gap: Kernel) -> Any:
 
     carray = numba.carray
 
-    @kept_as(POST, "cfunc")
+    @cached_kernel_as(POST, "cfunc")
     def post(k, cells, group, m0, m1, meta, data, table, out):  # type: ignore[no-untyped-def]
         n, inputs, nu = meta[0], meta[1], meta[2]
         numbers = carray(data, (meta[3],))
@@ -288,7 +288,7 @@ def table_filler(f: Kernel, jacobian: Kernel) -> Kernel:
     """
     image_of_box = image(f, jacobian)
 
-    @kept
+    @cached_kernel
     def fill(cells, which, own, header, inputs, out):  # type: ignore[no-untyped-def]
         n = own.size
         free = without_ends(header, own)
@@ -333,7 +333,7 @@ def fill_affine(cells, which, own, header, start, value, slope, out):  # type: i
 def gap_adder(gap: Kernel) -> Kernel:
     """numba: (k (rows, n), which (d,), header, u (M, nu), out (d, rows, M, 2)) -> None, the gap's bounds added."""
 
-    @kept
+    @cached_kernel
     def add_gap(cells, which, header, inputs, out):  # type: ignore[no-untyped-def]
         n = cells.shape[1]
         work = np.empty((4, n))

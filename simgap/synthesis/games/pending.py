@@ -16,18 +16,20 @@ own level. To hold: the largest set of nodes in the safe cells for which none of
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property, partial
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simgap.arrays import Bools, Ints
-from simgap.errors import UserError
+from simgap.errors import BrokenPromise, UserError
 from simgap.geometry import Grid
 from simgap.late import njit
+from simgap.specifications.solution import Solution
 from simgap.synthesis.abstraction.cells import Abstraction, clip_boxes, count_holes, drop_boxes_with_holes, table_size
 from simgap.synthesis.abstraction.swept import SweptCells
+from simgap.synthesis.games.game import CellGame, certified
 from simgap.synthesis.games.invariance import row_index
 from simgap.synthesis.games.threads import over_rows
 from simgap.synthesis.input_sets import Bytes, Words, to_bytes, words_of
@@ -166,90 +168,56 @@ def bytes_of_nodes(cells: int, inputs: int, classes: int = 1) -> int:
 
 
 @dataclass(frozen=True, eq=False)
-class Nodes:
-    """Sets of nodes and their inputs.
+class LateGame(CellGame):
+    """The game on nodes: a cell of the measured state, the input that acts now, and the class of the one before.
+
+    Sets of nodes are (classes, cells, M) here; a `Solution` counts them in the order cell, input, class.
 
     Attributes:
-        inside: (classes, cells, M) bool, nodes of the set.
-        sets: (classes, cells, M, words) admissible inputs of each node, meaningless outside.
-        value: (classes, cells, M) int32 levels, -1 outside; None where nothing is to be reached.
-        rounds: levels, or passes until nothing changed.
+        first: number of the input that acts in the first sample, before any measurement has arrived.
     """
 
-    inside: Bools
-    sets: Words
-    value: NDArray[np.int32] | None
-    rounds: int
-
-    def mask(self) -> Bytes:
-        """Admissible inputs as packed bytes, row (cell * M + pending) * classes + class: none in the target."""
-        classes, cells, inputs = self.inside.shape
-        rows = np.moveaxis(self.sets, 0, 2).reshape(cells * inputs * classes, -1)
-        mask = to_bytes(rows, inputs)
-        serving = self.inside if self.value is None else self.value > 0
-        mask[~np.moveaxis(serving, 0, 2).reshape(-1)] = 0
-        return mask
-
-
-@dataclass(frozen=True, eq=False)
-class PendingGame:
-    """Boxes of a plant whose inputs act one sample late.
-
-    Attributes:
-        boxes: abstractions on the same cells and inputs, one for each class of the input before the pending one.
-        kind: (M,) class of each input.
-        threads: rows are shared among this many threads; results do not depend on it.
-    """
-
-    boxes: tuple[Abstraction, ...]
-    kind: Ints
-    threads: int = 1
-
-    @staticmethod
-    def of(abstraction: Abstraction, threads: int = 1) -> PendingGame:
-        """A plant that remembers no input."""
-        return PendingGame((abstraction,), np.zeros(len(abstraction.inputs), np.int64), threads)
+    first: int = 0
 
     def __post_init__(self) -> None:
-        needed = bytes_of_nodes(self.grid.size, self.inputs, len(self.boxes))
+        inputs = len(self.boxes[0].inputs)
+        needed = bytes_of_nodes(self.grid.size, inputs, len(self.boxes))
         if needed > LARGEST_NODES:
             raise UserError(
-                f"{self.grid.size} cells with {self.inputs} pending inputs are too many for a controller with latency: "
+                f"{self.grid.size} cells with {inputs} pending inputs are too many for a controller with latency: "
                 f"{needed / 1e9:.1f} GB of nodes, at most {LARGEST_NODES / 1e9:.1f} GB",
                 key="synthesis.cells",
                 remedy="Use fewer cells or inputs",
             )
 
     @property
-    def grid(self) -> Grid:
-        """The cells."""
-        return self.boxes[0].grid
-
-    @property
-    def inputs(self) -> int:
-        """M."""
-        return len(self.boxes[0].inputs)
-
-    @cached_property
     def _shape(self) -> tuple[int, int, int]:
-        return len(self.boxes), self.grid.size, self.inputs
+        return len(self.boxes), self.grid.size, len(self.boxes[0].inputs)
 
-    def nodes(self, cells: Bools) -> Bools:
-        """All nodes of some cells: (cells,) -> (classes, cells, M)."""
-        return np.broadcast_to(cells[None, :, None], self._shape).copy()
+    def invariant(self, safe: Bools) -> Solution:
+        """The largest set of nodes of the safe cells (cells,) bool that can be held."""
+        if any(a.swept is not None for a in self.boxes):
+            raise BrokenPromise("swept boxes are not checked where a set is held", "Let the clearance cover them.")
+        inside = self._able(safe)
+        news, rounds = np.ones(self._shape[:2], np.bool_), 0
+        sets = np.zeros((*self._shape, -(-self._shape[2] // 64)), np.uint64)
+        while news.any():
+            rounds += 1
+            lost = self._state(words_of(inside), news, inside, sets) == NONE
+            inside &= ~lost
+            news = lost.any(axis=-1)
+        return self._solution(inside, inside, sets, safe, rounds)
 
-    def able(self, free: Bools) -> Bools:
-        """Nodes in free cells whose pending input takes a clear path from there: (cells,) -> (classes, cells, M)."""
-        out = self.nodes(free)
-        for own, a in zip(out, self.boxes, strict=True):
-            if a.swept is not None:
-                own &= clear_paths(a.grid, a.shape, a.swept, free)
-        return out
+    def reach(self, target: Bools, free: Bools) -> Solution:
+        """The least fixed point, levels and all inputs that go down a level.
 
-    def reach(self, target: Bools, free: Bools) -> Nodes:
-        """Nodes from which `target` (classes, cells, M) is reached through free cells (cells,), level by level."""
-        able = self.able(free)
-        value = np.where(target & free[None, :, None], 0, -1).astype(np.int32)
+        `target` is a set of cells (cells,) or of nodes (cells * memory,), `free` of cells, bool.
+        """
+        classes, cells, inputs = self._shape
+        rows = cells, inputs, classes
+        goal = np.broadcast_to(target.reshape(cells, -1, 1 if target.size == cells else classes), rows)
+        able = self._able(free)
+        value = np.where(np.moveaxis(goal, 2, 0) & free[None, :, None], 0, -1).astype(np.int32)
         allowed = words_of(value == 0)
         news: Bools = np.any(allowed, axis=-1)
         sets = np.zeros((*self._shape, allowed.shape[-1]), np.uint64)
@@ -261,22 +229,37 @@ class PendingGame:
             added = words_of(new)
             allowed |= added
             news = np.any(added, axis=-1)
-        return Nodes(value >= 0, sets, value, int(value.max(initial=0)))
+        levels = np.moveaxis(value, 0, 2).reshape(-1)
+        solution = self._solution(value >= 0, value > 0, sets, free, int(value.max(initial=0)))
+        return replace(solution, value=levels, target=levels == 0)
 
-    def hold(self, safe: Bools) -> Nodes:
-        """The largest set of nodes of safe cells (cells,) that can be held for ever."""
-        inside = self.able(safe)
-        news = np.ones(self._shape[:2], np.bool_)
-        sets = np.zeros((*self._shape, -(-self.inputs // 64)), np.uint64)
-        rounds = 0
-        while news.any():
-            rounds += 1
-            lost = self._state(words_of(inside), news, inside, sets) == NONE
-            inside &= ~lost
-            news = lost.any(axis=-1)
-        return Nodes(inside, sets, None, rounds)
+    def _able(self, free: Bools) -> Bools:
+        """Nodes in free cells whose pending input takes a clear path from there: (cells,) -> (classes, cells, M)."""
+        out = np.broadcast_to(free[None, :, None], self._shape).copy()
+        for own, a in zip(out, self.boxes, strict=True):
+            if a.swept is not None:
+                own &= clear_paths(a.grid, a.shape, a.swept, free)
+        return out
 
     def _state(self, allowed: Words, news: Bools, todo: Bools, sets: Words) -> NDArray[np.uint8]:
+        kind = np.zeros(self._shape[2], np.int64) if self.kind is None else self.kind
         flags, look = news.view(np.uint8), todo.view(np.uint8)
         every = zip(self.boxes, look, sets, strict=True)
-        return np.stack([common_inputs(a, self.kind, allowed, flags, own, s, self.threads) for a, own, s in every])
+        return np.stack([common_inputs(a, kind, allowed, flags, own, s, self.threads) for a, own, s in every])
+
+    def _solution(self, inside: Bools, serving: Bools, sets: Words, free: Bools, rounds: int) -> Solution:
+        """From the nodes of the set, those of them with inputs, and these: (classes, cells, M, words)."""
+        classes, cells, inputs = self._shape
+        mask = to_bytes(np.moveaxis(sets, 0, 2).reshape(cells * inputs * classes, -1), inputs)
+        mask[~np.moveaxis(serving, 0, 2).reshape(-1)] = 0
+        return Solution(
+            grid=self.grid,
+            winning=certified(inside[self.rest, :, self.first], self.grid, self.error),
+            mask=mask,
+            free=free,
+            memory=inputs * classes,
+            first=self.first * classes + self.rest,
+            late=True,
+            kind=self.kind if classes > 1 else None,
+            statistics={"rounds": rounds, "nodes": int(inside.sum())},
+        )

@@ -87,21 +87,19 @@ class Levels:
         news: (classes, slabs) whether a slab won cells at the last level.
     """
 
-    def __init__(
-        self, moves: Moves, classes: int, goal: Rows, allowed: Rows, clear: Rows, threads: int, every: bool
-    ) -> None:
+    def __init__(self, moves: Moves, classes: int, goal: Rows, allowed: Rows, clear: Rows, threads: int) -> None:
         """From the target and the free cells (rows, words), and the free cells eroded by swept boxes (`spread`)."""
         rows, words, widest = moves.size.tolist()
         flat = goal.reshape(-1, rows * words)
-        self._moves, self._clear, self._threads, self._every = moves, clear, threads, every
+        self._moves, self._clear, self._threads = moves, clear, threads
         self._won = np.stack([flat] * classes)
         self._todo = np.concatenate([allowed.reshape(flat.shape) & ~flat] * classes)
         self._made = np.zeros((len(moves.block_class), rows * words), np.uint64)
         self.news = np.stack([flat.any(axis=1)] * classes).astype(np.uint8)
         self._fresh = np.zeros((threads, *self._todo.shape), np.uint64)
-        self._ends = np.zeros((threads, self._todo.size if every else 1), np.int64)
+        self._ends = np.zeros((threads, self._todo.size), np.int64)
         self._count = np.zeros((threads, 1), np.int64)
-        self._entries = np.empty((threads, ENTRIES if every else 1, 2), np.uint64)
+        self._entries = np.empty((threads, ENTRIES, 2), np.uint64)
         self._stage = np.zeros((threads, *stage_size(rows, words, widest)), np.uint64)
         self._runs, self._line = np.zeros((threads, 2, rows), np.int64), np.zeros((threads, rows * words), np.uint64)
 
@@ -128,7 +126,7 @@ class Levels:
         own = self._fresh, self._ends, self._entries, self._count
         space = (a[worker] for a in (self._stage, self._runs, self._line, *own))
         sets = self._moves, self._won, self._todo, self.news, self._made, self._clear
-        return int(spread(*sets, *space, self._every, self._threads, blocks[worker]))
+        return int(spread(*sets, *space, self._threads, blocks[worker]))
 
     def settle(self, level: int, base: Ints, stride: int, order: Ints, into: tuple[NDArray[Any], ...]) -> None:
         """Win it: value (cells, classes), mask (cells, classes, bytes) and chosen (cells, classes) are written.
@@ -141,7 +139,7 @@ class Levels:
             range(self._threads),
             self._threads,
         )
-        found = self._moves, self._fresh, self._ends, placed, self._every
+        found = self._moves, self._fresh, self._ends, placed
         sets = self._won, self._todo, self.news
         work = partial(settle, *found, *sets, base, stride, level, order, *into)
         self.news[:] = 0
@@ -154,7 +152,6 @@ def reach_by_rows(
     target: Bools,
     free: Bools,
     threads: int,
-    masks: bool,
     order: Ints | None = None,
 ) -> tuple[NDArray[np.int32], NDArray[np.uint8], NDArray[np.int16]]:
     """Levels and admissible inputs of nodes.
@@ -164,25 +161,24 @@ def reach_by_rows(
         kind: (M,) class of each input.
         target, free: (cells,); target cells that are not free do not count.
         threads: slabs are shared among this many threads; the result does not depend on it.
-        masks: whether to record the inputs.
-        order: inputs (M,) of which the first admissible one alone is recorded, whatever `masks` says.
+        order: inputs (M,) of which the first admissible one alone is recorded.
 
     Returns:
-        value (cells, classes), mask (cells, classes, bytes), without masks (cells, classes, 0), and that one input
+        value (cells, classes), mask (cells, classes, bytes), with an order (cells, classes, 0), and that one input
         (cells, classes), -1 for none, without an order (0, 0).
     """
     s, classes = systems[0], len(systems)
-    every, one = masks or order is not None, np.empty(0, np.int64) if order is None else order
-    moves = moves_of(systems, kind, None if every else [own.worth_trying(kind) for own in systems])
+    one = np.empty(0, np.int64) if order is None else order
+    moves = moves_of(systems, kind)
     words = words_of_a_row(systems)
     goal, allowed = (np.zeros((len(s.base), words), np.uint64) for _ in range(2))
     pack_rows((target & free).astype(np.uint8), s.base, s.stride, s.count, goal)
     pack_rows(free.astype(np.uint8), s.base, s.stride, s.count, allowed)
     value = np.full((free.size, classes), -1, np.int32)
     value[target & free] = 0
-    mask = np.zeros((free.size, classes, packed_width(len(kind)) if masks and order is None else 0), np.uint8)
+    mask = np.zeros((free.size, classes, packed_width(len(kind)) if order is None else 0), np.uint8)
     chosen = np.full((0, 0) if order is None else value.shape, -1, np.int16)
-    levels = Levels(moves, classes, goal, allowed, _clear(s, allowed), threads, every)
+    levels = Levels(moves, classes, goal, allowed, _clear(s, allowed), threads)
     level = 0
     while levels.news.any():
         level += 1

@@ -17,48 +17,11 @@ from numpy.typing import NDArray
 
 from simgap.arrays import Bools, Ints
 from simgap.geometry import Grid
-from simgap.late import njit
 from simgap.synthesis.abstraction.cells import Abstraction
 from simgap.synthesis.abstraction.post import reduced_cells, reduced_size
 from simgap.synthesis.abstraction.swept import SweptCells
 
-COMPARED = 256
 MAX_BOXES = 40_000_000
-
-
-def smallest_boxes(lower: NDArray[np.int32], upper: NDArray[np.int32]) -> Bools:
-    """Inputs without most of those whose boxes hold another one's: what any input wins, one of these wins.
-
-    lower, upper (layers, M, k), one or more boxes beside each other -> (layers, M). Every box is held against the
-    `COMPARED` smallest that are left, so that it takes a time linear in the inputs.
-    """
-    kept = np.zeros(lower.shape[:2], np.bool_)
-    order = np.argsort((upper.astype(np.int64) - lower).sum(axis=2), axis=1, kind="stable")
-    _smallest(lower, upper, order, kept)
-    return kept
-
-
-@njit(cache=True, nogil=True)
-def _smallest(lower, upper, order, kept):  # type: ignore[no-untyped-def]
-    smallest = np.zeros(COMPARED, np.int64)
-    for layer in range(lower.shape[0]):
-        number = 0
-        for m in order[layer]:
-            found = False
-            for i in range(number):
-                o, inside = smallest[i], True
-                for j in range(lower.shape[2]):
-                    if lower[layer, o, j] < lower[layer, m, j] or upper[layer, o, j] > upper[layer, m, j]:
-                        inside = False
-                        break
-                if inside:
-                    found = True
-                    break
-            if not found:
-                kept[layer, m] = True
-                if number < COMPARED:
-                    smallest[number] = m
-                    number += 1
 
 
 MAX_SHAPE_CELLS = 4_000_000_000  # bits: 500 MB of free cells eroded by swept boxes
@@ -139,17 +102,6 @@ class RowSystem:
             swept_shapes=swept_shapes.astype(np.int64),
         )
 
-    def worth_trying(self, kind: Ints) -> Bools:
-        """The inputs that can win a node first, (layers, M): no input of the same class (M,) has smaller boxes."""
-        of_input = np.broadcast_to(kind[None, :, None], (*self.rel.shape[:2], 1))
-        lower: list[Ints] = [of_input, self.rel.astype(np.int64)]
-        upper: list[Ints] = [of_input, lower[1] + self.extent]
-        if len(self.swept):
-            lower.append(self.swept.astype(np.int64))
-            upper.append(lower[2] + self.swept_shapes[self.swept_of])
-        low, high = (np.concatenate(side, axis=2).astype(np.int32) for side in (lower, upper))
-        return smallest_boxes(low, high)
-
 
 def _offsets(abstraction: Abstraction, used: tuple[int, ...], order: list[int]) -> tuple[NDArray[np.int32], ...]:
     """Lower offsets and extents (layers, M, 4) in the given order of axes, padded in front; wide boxes are cut."""
@@ -187,7 +139,9 @@ def _swept_offsets(
 
 
 def with_common_sweeps(systems: Sequence[RowSystem]) -> list[RowSystem]:
-    """The systems with sizes of swept boxes that are counted through all of them."""
+    """The systems with sizes of swept boxes that are counted through all of them; one alone is as it was."""
+    if len(systems) == 1:
+        return list(systems)
     own = [s.swept_shapes[s.swept_of] for s in systems]
     shapes, place = np.unique(np.concatenate([o.reshape(-1, 4) for o in own]), axis=0, return_inverse=True)
     each = np.split(place.reshape(-1), np.cumsum([o.size // 4 for o in own])[:-1])
@@ -243,20 +197,16 @@ def words_of_a_row(systems: Sequence[RowSystem]) -> int:
     return (count + farthest + 63) // 64
 
 
-def moves_of(systems: Sequence[RowSystem], kind: Ints, wanted: Sequence[Bools] | None = None) -> Moves:
+def moves_of(systems: Sequence[RowSystem], kind: Ints) -> Moves:
     """The moves of all inputs of all classes, of those that stay on the grid.
 
     Args:
         systems: boxes after a previous input of each class; their `swept_of` counts through common shapes.
         kind: (M,) class of each input.
-        wanted: for each class the inputs to look at, (layers, M); all when None.
     """
     first, words = systems[0], words_of_a_row(systems)
     lead, rows = _lead(first), first.slab_rows
-    found = [
-        _of_class(c, s, kind, lead, words, None if wanted is None else wanted[c][s.layer[::rows]])
-        for c, s in enumerate(systems)
-    ]
+    found = [_of_class(c, s, kind, lead, words) for c, s in enumerate(systems)]
     table = {name: np.concatenate([f[name] for f in found]) for name in found[0]}
     return _sorted(table, lead, rows, words)
 
@@ -269,7 +219,7 @@ def _lead(s: RowSystem) -> Ints:
     return lead
 
 
-def _of_class(c: int, s: RowSystem, kind: Ints, lead: Ints, words: int, wanted: Bools | None) -> dict[str, Ints]:
+def _of_class(c: int, s: RowSystem, kind: Ints, lead: Ints, words: int) -> dict[str, Ints]:
     """Columns of one class's moves, unsorted: slab by slab, input by input."""
     slabs, inputs, n = int(lead[0].prod()), len(kind), s.slab_rows
     layer = s.layer[::n]
@@ -300,8 +250,6 @@ def _of_class(c: int, s: RowSystem, kind: Ints, lead: Ints, words: int, wanted: 
         columns["clear"] = (of * slabs + along) * n * words
         columns["clear_rows"] = swept[..., 2] if n > 1 else columns["clear_rows"]
         columns["clear_bits"] = swept[..., 3]
-    if wanted is not None:
-        good &= wanted
     if n > 1:
         columns["e2"], columns["rows_extent"] = np.ones((slabs, inputs), np.int64), columns["e2"]
     else:

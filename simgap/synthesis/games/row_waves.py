@@ -116,7 +116,7 @@ def _empty(buffer, first, last):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def spread(  # type: ignore[no-untyped-def]
-    moves, won, todo, news, made, clear, stage, runs, line, fresh, ends, entries, count, every,
+    moves, won, todo, news, made, clear, stage, runs, line, fresh, ends, entries, count,
     workers, block,
 ):  # fmt: skip
     """Find what can be won of `todo` for every `workers`-th block from `block` on.
@@ -127,8 +127,8 @@ def spread(  # type: ignore[no-untyped-def]
         made: (blocks, words of a slab) the AND of slabs as it was when the block was looked at last.
         clear: flat words of free cells eroded by swept boxes, one row in front and behind.
         stage, runs, line: work space: `stage_size`, (2, rows), (words of a slab,).
-        fresh: (classes * slabs, words of a slab) what is found. every: whether to note all inputs, as entries (n, 2):
-            the word of `fresh` above the move, and the cells. count: (1,) of them; ends: of each word of `fresh`.
+        fresh: (classes * slabs, words of a slab) what is found. entries: (n, 2) the word of `fresh` above the
+            move, and the cells. count: (1,) of them; ends: of each word of `fresh`.
 
     Returns:
         The block to go on with when there is room for its entries, or -1.
@@ -139,7 +139,7 @@ def spread(  # type: ignore[no-untyped-def]
         k = moves.block_class[block]
         if _and_of_slabs(moves.lead, moves.block_at[block], moves.block_extent[block], won[k], news[k], line):
             first_job, last_job = moves.block_jobs[block], moves.block_jobs[block + 1]
-            if every and count[0] + (moves.job_moves[last_job] - moves.job_moves[first_job]) * total > len(entries):
+            if count[0] + (moves.job_moves[last_job] - moves.job_moves[first_job]) * total > len(entries):
                 return block
             number = _runs(line, made[block], rows, words, widest, runs)
             if number:
@@ -147,7 +147,7 @@ def spread(  # type: ignore[no-untyped-def]
                 stage[0, words : words + total] = line
             for i in range(number):
                 _spread_run(
-                    moves, todo, clear, stage, line, fresh, ends, entries, count, every, first_job,
+                    moves, todo, clear, stage, line, fresh, ends, entries, count, first_job,
                     last_job, runs[0, i], runs[1, i],
                 )  # fmt: skip
         block += workers
@@ -156,7 +156,7 @@ def spread(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _spread_run(  # type: ignore[no-untyped-def]
-    moves, todo, clear, stage, line, fresh, ends, entries, count, every, first_job, last_job, low, high
+    moves, todo, clear, stage, line, fresh, ends, entries, count, first_job, last_job, low, high
 ):
     """The moves of some jobs from the rows low..high of their erosions of `stage[0]`."""
     rows, words, widest = moves.size
@@ -175,14 +175,14 @@ def _spread_run(  # type: ignore[no-untyped-def]
                 _meet(
                     stage[at], v, moves.to[v], rows, words, top * words, end * words, moves.words[v], moves.bits[v],
                     todo, clear, moves.clear_at[v], moves.clear_rows[v], moves.clear_words[v], moves.clear_bits[v],
-                    line, fresh, ends, entries, count, every,
+                    line, fresh, ends, entries, count,
                 )  # fmt: skip
 
 
 @njit(cache=True, nogil=True)
 def _meet(  # type: ignore[no-untyped-def]
     source, v, to, rows, words, first, last, by, bits, todo, clear, clear_at, clear_rows, clear_by, clear_bits,
-    line, fresh, ends, entries, count, every,
+    line, fresh, ends, entries, count,
 ):  # fmt: skip
     """Keep what is left of the moved words of `source` among the words first..last of `todo`, chunk by chunk.
 
@@ -210,11 +210,10 @@ def _meet(  # type: ignore[no-untyped-def]
                     )
                 if word:
                     fresh[to, first + i] |= word
-                    if every:
-                        at = to * fresh.shape[1] + first + i
-                        entries[n, 0], entries[n, 1] = np.uint64(at) << np.uint64(32) | np.uint64(v), word
-                        ends[at] += 1
-                        n += 1
+                    at = to * fresh.shape[1] + first + i
+                    entries[n, 0], entries[n, 1] = np.uint64(at) << np.uint64(32) | np.uint64(v), word
+                    ends[at] += 1
+                    n += 1
         first = stop
     count[0] = n
 
@@ -235,7 +234,7 @@ def place(entries, count, ends, placed):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def settle(  # type: ignore[no-untyped-def]
-    moves, fresh, ends, placed, every, won, todo, news, base, stride, level, order, value, mask, chosen, first, last
+    moves, fresh, ends, placed, won, todo, news, base, stride, level, order, value, mask, chosen, first, last
 ):
     """Win the fresh cells of the words first..last of every slab and class: level, inputs, sets, news; 0.
 
@@ -260,14 +259,13 @@ def settle(  # type: ignore[no-untyped-def]
                 news[c, slab] = 1
                 won[c, slab, q] |= new
                 todo[to, q] &= ~new
-                if every:
-                    for worker in range(fresh.shape[0]):
-                        at = to * (rows * words) + q
-                        _collect(moves.inputs_from, moves.inputs, placed[worker], ends[worker], at, inputs)
-                    if order.size:
-                        _choose(inputs, order, new, c, start, stride, chosen)
-                    else:
-                        _turn(inputs, sets)
+                for worker in range(fresh.shape[0]):
+                    at = to * (rows * words) + q
+                    _collect(moves.inputs_from, moves.inputs, placed[worker], ends[worker], at, inputs)
+                if order.size:
+                    _choose(inputs, order, new, c, start, stride, chosen)
+                else:
+                    _turn(inputs, sets)
                 _write(new, c, start, stride, level, packed, value, mask)
     return 0
 

@@ -15,6 +15,8 @@ closed under union.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import numpy as np
 
 from simgap.arrays import Bools, Floats
@@ -22,6 +24,7 @@ from simgap.errors import UserError
 from simgap.geometry import Grid
 from simgap.specifications.solution import Solution
 from simgap.synthesis.abstraction.cells import Abstraction
+from simgap.synthesis.games.game import CellGame
 from simgap.synthesis.games.invariance import invariance
 from simgap.synthesis.games.pending import NONE, common_inputs
 from simgap.synthesis.input_sets import (
@@ -40,6 +43,36 @@ from simgap.synthesis.input_sets import (
 )
 
 LARGEST_MASK = 1_500_000_000  # bytes
+
+
+@dataclass(frozen=True, eq=False)
+class TrueGame(CellGame):
+    """The game on cells of the true state, of which the controller knows a measurement: it can only hold sets.
+
+    Attributes:
+        blur: bound of the measurement error, (nx,), for which the boxes do not account.
+        latency: whole samples between a measurement and its input; first: the input that acts until then.
+    """
+
+    blur: Floats = field(kw_only=True)
+    latency: int = field(kw_only=True)
+    first: int = 0
+
+    def invariant(self, safe: Bools) -> Solution:
+        """A controlled invariant set in (cells,) that measurements suffice to keep; sound, not always the largest."""
+        return sensed_invariance(self.boxes[0], self.blur, self.latency, self.threads, safe, self.first)
+
+    def reach(self, target: Bools, free: Bools) -> Solution:
+        """Not on these cells, whatever the sets, (cells,) bool each.
+
+        Raises:
+            UserError: always.
+        """
+        raise UserError(
+            "a specification that is solved on cells of the true state has nothing to reach",
+            key="synthesis.specification",
+            remedy="Let its on_true_cells be False.",
+        )
 
 
 def sensed_invariance(

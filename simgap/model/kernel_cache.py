@@ -36,23 +36,23 @@ class _NotWritable(Exception):
     """Something that a closure holds has no text, or there is no place for it."""
 
 
-def kept(function: Callable[..., Any]) -> Kernel:
+def cached_kernel(function: Callable[..., Any]) -> Kernel:
     """`numba.njit(error_model="numpy")` of a closure; its machine code is kept between processes where it can be."""
-    return _kept(function, "njit", "", lambda f: numba.njit(error_model="numpy")(f))
+    return _cached(function, "njit", "", lambda f: numba.njit(error_model="numpy")(f))
 
 
-def kept_as(signature: Any, decorator: str = "njit") -> Callable[[Callable[..., Any]], Any]:
+def cached_kernel_as(signature: Any, decorator: str = "njit") -> Callable[[Callable[..., Any]], Any]:
     """Likewise `numba.njit` or `numba.cfunc` with a signature, which is a name of the closure's module."""
 
     def decorate(function: Callable[..., Any]) -> Any:
         name = next(name for name, value in function.__globals__.items() if value is signature)
         compiled = getattr(numba, decorator)(signature, error_model="numpy")
-        return _kept(function, decorator, f"{name}, ", compiled, name)
+        return _cached(function, decorator, f"{name}, ", compiled, name)
 
     return decorate
 
 
-def _kept(function: Callable[..., Any], decorator: str, first: str, compiled: Callable[..., Any], *names: str) -> Any:
+def _cached(function: Callable[..., Any], decorator: str, first: str, compiled: Callable[..., Any], *names: str) -> Any:
     try:
         head = ["from __future__ import annotations", f"from numba import {decorator}", *_bindings(function, names)]
         mark = f'@{decorator}({first}error_model="numpy", cache=True)'

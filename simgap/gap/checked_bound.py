@@ -10,8 +10,7 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.errors import UserError
-from simgap.gap.bounds.function import GapFunction
-from simgap.gap.bounds.tiers import Tier
+from simgap.gap.bounds.function import GapFunction, Tier
 from simgap.gap.fitting.acceptance import (
     BorderCheck,
     FreshCheck,
@@ -22,12 +21,12 @@ from simgap.gap.fitting.acceptance import (
     tolerate,
 )
 from simgap.gap.fitting.bound_fit import assemble, fit_from_json
-from simgap.gap.fitting.conformal import Calibration
-from simgap.gap.fitting.force_reversal import engine_grain, grain_tier
-from simgap.gap.lipschitz.result import DimensionLipschitz
+from simgap.gap.fitting.dimension_fit import Calibration
+from simgap.gap.fitting.force_reversal import staircase_height, staircase_tier
+from simgap.gap.lipschitz.grid import DimensionLipschitz
 from simgap.gap.memory.bound import hidden_bound
 from simgap.gap.memory.hidden_state import tolerance_of
-from simgap.gap.sampling.border_samples import (
+from simgap.gap.sampling.borders import (
     CHECK,
     MAKE_BORDERS,
     NO_BORDERS,
@@ -35,9 +34,9 @@ from simgap.gap.sampling.border_samples import (
     border_gaps,
     border_states,
     directed_samples,
+    stops_of,
     switching_surfaces,
 )
-from simgap.gap.sampling.gap_samples import check_drawn, motion_of, read_back, sample_grid, steps_of
 from simgap.gap.sampling.points import (
     AFTER_PREVIOUS,
     Columns,
@@ -48,10 +47,9 @@ from simgap.gap.sampling.points import (
     stacked,
     successors,
 )
+from simgap.gap.sampling.samples import check_drawn, motion_of, read_back, sample_grid, steps_of
 from simgap.gap.sampling.symmetry import SymmetryDeviation
-from simgap.gap.settings import GapSettings
 from simgap.plants.context import Context
-from simgap.plants.model_file import joint_stops
 from simgap.simulators.findings import to_stop
 
 Step = Callable[[Floats, Floats], Floats]
@@ -122,10 +120,10 @@ def gap(context: Context, made: Made) -> Bound:
         raise UserError(NO_BORDERS, remedy=MAKE_BORDERS)
     directed = tuple(directed_samples(context, made.points.name, made.borders, i) for i in range(len(names)))
     shifts = _shifts(context, made.points.name, made.borders)
-    grain = engine_grain(context) if where.known is None else None
-    added = [own for own in (grain, shifts.largest if shifts is not None else None) if own is not None]
+    stair = staircase_height(context) if where.known is None else None
+    added = [own for own in (stair, shifts.largest if shifts is not None else None) if own is not None]
     deviation = np.sum(added, axis=0) if added else None
-    result = assemble(where, GapSettings.of(section), fits, known, drawn, directed, deviation)
+    result = assemble(where, section, fits, known, drawn, directed, deviation)
     x, u, d = _gaps(context, step, made.fresh)
     check_drawn(context, x, u)
     check = check_fresh(result.function, x, u, d, section.confidence)
@@ -135,8 +133,8 @@ def gap(context: Context, made: Made) -> Bound:
         none_outside(beside)
     memory = (REMEMBERED,) if made.shards and f"least_{names[0]}" in made.shards[0] else ()
     symmetric = (shifts.tier(names),) if shifts is not None else ()
-    blurred = (grain_tier(context, grain),) if grain is not None else ()
-    tiers = [*confirmed(result.function.tiers, check), *memory, *blurred, *symmetric, check.tier, beside.tier]
+    reversing = (staircase_tier(context, stair),) if stair is not None else ()
+    tiers = [*confirmed(result.function.tiers, check), *memory, *reversing, *symmetric, check.tier, beside.tier]
     function = covering_remainder(result.function.with_tiers(tiers), section)
     content = result.to_json() | function.to_json()
     eps = known_radius(made.points.name)
@@ -216,15 +214,11 @@ def _gaps(context: Context, step: Step, rolled: Columns) -> tuple[Floats, Floats
 
 def reached_stops(context: Context, states: Sequence[str]) -> list[str]:
     """The states that come within a step's travel of a stop, each with its joint and the stops, in words."""
-    plant, simulator, domain = context.case.plant, context.case.simulator, context.domain
-    places = {s.joint: name for name, s in plant.states.items() if s.quantity == "position" and s.joint}
-    files = {f for f in (plant.urdf, simulator.urdf if simulator is not None else None) if f}
     return [
-        f"joint '{joint}' ({name} in [{domain.X[name][0]:g}, {domain.X[name][1]:g}], stops at "
-        f"{' and '.join(f'{end:g}' for end in ends)})"
-        for file in sorted(files)
-        for joint, ends in joint_stops(context.folder / file, list(places)).items()
-        if (name := places[joint]) in states and any(to_stop(context.case, name, end) for end in ends)
+        f"joint '{joint}' ({name} in [{lo:g}, {hi:g}], stops at {' and '.join(f'{end:g}' for end in ends)})"
+        for joint, name, ends in stops_of(context)
+        for lo, hi in [context.domain.X[name]]
+        if name in states and any(to_stop(context.case, name, end) for end in ends)
     ]
 
 

@@ -1,12 +1,12 @@
-"""The grain of an engine: the staircase that a force makes which turns round at the end of engine steps."""
+"""The staircase of an engine that a force makes which turns round at the end of engine steps."""
 
 import numpy as np
 import pytest
 import yaml
 
-from simgap.gap.fitting.force_reversal import engine_grain, grain_tier, kick
+from simgap.gap.fitting.force_reversal import kick, staircase_height, staircase_tier
 from simgap.plants.context import Context
-from simgap.simulators.build import make_simulator
+from simgap.simulators.rollouts import make_simulator
 
 MASS, FRICTION, TAU = 2.0, 0.6, 0.1
 PYBULLET = {"engine": "pybullet", "inertia": "file", "damping": {"linear": 0, "angular": 0, "joint": 0}}
@@ -57,32 +57,32 @@ def slide(folder, substeps, effect="coulomb_friction", values=None, nominal=(), 
 @pytest.mark.parametrize("substeps", [4, 24])
 def test_it_is_the_height_of_the_stairs_that_the_engine_climbs(tmp_path, substeps):
     context = slide(tmp_path, substeps)
-    q, v = engine_grain(context)
+    q, v = staircase_height(context)
     assert v == pytest.approx(2 * FRICTION / MASS * TAU / substeps, rel=0.02)
     assert kick(context) == pytest.approx([0.0, 2 * FRICTION / MASS * TAU / substeps])
     jumps = climbed(context)
     assert v == pytest.approx(jumps[1], rel=0.05)
     assert jumps[0] <= q * 1.05
-    assert f"{v:.2g} for v" in grain_tier(context, np.array([q, v])).text
+    assert f"{v:.2g} for v" in staircase_tier(context, np.array([q, v])).text
 
 
 def test_a_lighter_mass_in_the_simulator_and_what_its_integrator_does_are_measured(tmp_path):
     """The rates of the nominal plant know neither; four times the kick, and a step that looks at its middle."""
     light = slide(tmp_path, 24, **PYBULLET, urdf="light.urdf")
-    assert engine_grain(light)[1] == pytest.approx(4 * kick(light)[1], rel=0.05)
-    assert engine_grain(light)[1] >= 0.95 * climbed(light)[1]
+    assert staircase_height(light)[1] == pytest.approx(4 * kick(light)[1], rel=0.05)
+    assert staircase_height(light)[1] >= 0.95 * climbed(light)[1]
     looks = slide(tmp_path, 1, engine="equations", integrator="rk4", slopes="sampled")
     assert kick(looks)[1] == 0.0
     assert climbed(looks)[1] > 0.01
-    assert engine_grain(looks)[1] >= 0.95 * climbed(looks)[1]
+    assert staircase_height(looks)[1] >= 0.95 * climbed(looks)[1]
 
 
 def test_a_model_that_rubs_as_well_adds_no_more_than_the_stairs(tmp_path):
     both = slide(tmp_path, 24, nominal=[RUBS])
-    assert engine_grain(both)[1] == pytest.approx(kick(both)[1], rel=0.1)
+    assert staircase_height(both)[1] == pytest.approx(kick(both)[1], rel=0.1)
 
 
 def test_nothing_is_added_where_nothing_turns_round_within_a_step(tmp_path):
-    assert engine_grain(slide(tmp_path, 1)) is None
-    assert engine_grain(slide(tmp_path, 24, effect="viscous_friction", values={"b": 0.3})) is None
-    assert engine_grain(slide(tmp_path, 24, values={"F_c": 0.0})) is None
+    assert staircase_height(slide(tmp_path, 1)) is None
+    assert staircase_height(slide(tmp_path, 24, effect="viscous_friction", values={"b": 0.3})) is None
+    assert staircase_height(slide(tmp_path, 24, values={"F_c": 0.0})) is None

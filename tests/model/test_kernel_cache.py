@@ -13,10 +13,10 @@ SCRIPT = """
 import sys
 import numpy as np
 from helper import twice
-from simgap.model.kept import kept
+from simgap.model.kernel_cache import cached_kernel
 
 def make(factor, table):
-    @kept
+    @cached_kernel
     def scaled(x):
         return twice(x) * factor + table[1]
     return scaled
@@ -36,7 +36,7 @@ def run(folder: Path, factor: str, home: dict[str, str]) -> list[str]:
     return call.stdout.split()
 
 
-def test_kept_kernels_are_loaded_again_and_never_mistaken(tmp_path: Path) -> None:
+def test_kernel_cache_kernels_are_loaded_again_and_never_mistaken(tmp_path: Path) -> None:
     (tmp_path / "script.py").write_text(SCRIPT)
     (tmp_path / "helper.py").write_text(HELPER.format("2.0"))
     home = {"XDG_CACHE_HOME": str(tmp_path / "cache")}

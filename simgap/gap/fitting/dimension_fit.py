@@ -1,50 +1,75 @@
-"""The guarantee tiers of a gap bound: the statements it rests on, printed wherever gamma is.
-
-1. deterministic: holds everywhere, given the Lipschitz constants it was padded with;
-2. estimate: which of these constants are estimates, how they were obtained and how far they can be trusted;
-3. statistical: fresh random samples that no fit has seen (`fresh_check`).
-"""
+"""What every form of bound has: fits of a dimension, the gap function made of all of them, and what it rests on."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Self
 
 from simgap.arrays import Floats
+from simgap.config.gap import GapSection
+from simgap.gap.bounds.function import PROVEN, GapFunction, Tier
+from simgap.gap.fitting.padding import PaddedSide
 from simgap.gap.json_record import JsonRecord
+from simgap.gap.lipschitz.grid import DimensionLipschitz, GridLipschitz
+from simgap.gap.sampling.borders import Directed
+from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
+
+Sides = dict[str, PaddedSide]
+"""Fitted sides by name (`upper` and `lower`, or `both`)."""
 
 
-@dataclass(frozen=True)
-class Tier(JsonRecord, names={"level": "tier"}):
-    """One statement: its level 1, 2 or 3 and its text, a full sentence for the reader of a report."""
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """Fresh iid samples: x (n, nx), u (n, nu), d (n, nx)."""
 
-    level: int
-    text: str
-
-
-PROVEN = Tier(
-    1,
-    "The bound holds at every state of X and input of U, rounding included: simulator and model are both known as "
-    "equations, and slope and value of their difference are enclosed on every cell by interval arithmetic. No "
-    "Lipschitz constant is given or estimated.",
-)
+    x: Floats
+    u: Floats
+    d: Floats
 
 
-class Slopes(Protocol):
-    """Slopes of one dimension."""
+@dataclass(frozen=True, eq=False)
+class BoundInputs:
+    """What a bound takes beside its fits.
 
-    @property
-    def constants(self) -> Floats:
-        """Per axis, (nx,)."""
+    Attributes:
+        where: the places of the samples. settings: of the fit. lipschitz: constants of each dimension.
+        calibration: samples of a conformal bound. directed: samples of each dimension beside the grid, for an envelope.
+    """
 
-    @property
-    def proven(self) -> bool:
-        """True if they are bounds and no estimates."""
+    where: SampleGrid
+    settings: GapSection
+    lipschitz: Sequence[DimensionLipschitz]
+    calibration: Calibration | None = None
+    directed: Sequence[Directed] = ()
+
+
+class DimensionFit(JsonRecord, ABC):
+    """Fit of one dimension; a form of bound is a subclass."""
+
+    @classmethod
+    @abstractmethod
+    def of(cls, samples: DimensionSamples, settings: GapSection) -> Self:
+        """Fit one dimension.
+
+        Raises:
+            UserError: for settings that do not fit the samples.
+        """
+
+    @classmethod
+    @abstractmethod
+    def bound(cls, fits: Sequence[Self], given: BoundInputs) -> tuple[GapFunction, list[Sides]]:
+        """The gap function of all dimensions, padded, and the fitted sides of each; none of a bound without a program.
+
+        Raises:
+            UserError: inputs that the form needs and that are missing or too few.
+            BrokenPromise: when the grid does not resolve a residual, or the bound stays upside down.
+        """
 
 
 def guarantee(
-    padding: str, states: Sequence[str], slopes: Sequence[Slopes], rough: Sequence[float], extra: str = ""
+    padding: str, states: Sequence[str], slopes: Sequence[GridLipschitz], rough: Sequence[float], extra: str = ""
 ) -> tuple[Tier, ...]:
     """Tiers of a padded bound; `rough` is each state's share of cells with a jump that a sample stands in for."""
     if all(known.proven for known in slopes):
