@@ -41,7 +41,8 @@ def main(arguments: list[str] | None = None) -> None:
     announce_code()
     try:
         _refuse_settings()
-        result: Any = app(arguments if arguments is not None else sys.argv[1:], standalone_mode=False)
+        words = sys.argv[1:] if arguments is None else arguments
+        result: Any = app(words or ["--help"], standalone_mode=False)
         status = result if isinstance(result, int) else 0
     except SimgapError as error:
         if _logs_to_a_file():

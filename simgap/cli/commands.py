@@ -222,7 +222,7 @@ def _show_all(context: typer.Context, wanted: bool) -> None:
         raise typer.Exit
 
 
-app = typer.Typer(cls=Groups, no_args_is_help=True, rich_markup_mode=None, pretty_exceptions_enable=False)
+app = typer.Typer(cls=Groups, rich_markup_mode=None, pretty_exceptions_enable=False)
 
 
 @app.callback()

@@ -1,30 +1,101 @@
 """Starts Snakemake in a process of its own: run as a file, so that nothing of simgap is imported for it.
 
-Ctrl-C while it starts ends it without a traceback: it begins with the signal blocked. An option that Snakemake does not
-have is told in a line, with the nearest that there is.
+With `--logger simgap` a line says what begins, what is done and what is left; the rest goes to Snakemake's log. Ctrl-C
+while it starts leaves no traceback, as it begins with the signal blocked. An unknown option gets the nearest known one.
 """
 
 from __future__ import annotations
 
 import difflib
+import json
+import logging
 import signal
 import sys
+from collections import Counter
+from pathlib import Path
+from types import ModuleType
+from typing import Any
 
-USAGE = 64  # of sysexits.h: the command line was wrong, and has been told
+USAGE = 64  # of sysexits.h: the command line was wrong, and a line has said so
+JOBS = {"rollouts": 2, "synthesis": 2}
+"""Jobs of a stage that `check` estimates as one; 1 for the others."""
+
+
+class Progress:
+    """Where a run is, from the events that Snakemake logs and the costs that `check` estimates (CPU s)."""
+
+    def __init__(self) -> None:
+        self.left, self.rules, self.costs = Counter[str](), dict[int, str](), dict[str, float]()
+        self.done = self.total = 0
+
+    def line(self, record: Any) -> str:
+        """What an event says to a person; empty for most."""
+        event = getattr(record, "event", None)
+        if event == "run_info":
+            self.left = Counter(record.stats)
+            self.total = self.left.pop("total")
+        elif event == "progress":
+            self.done, self.total = record.done, record.total
+        elif event == "job_finished":
+            self.left[self.rules[record.job_id]] -= 1
+        elif event == "job_info":
+            self.rules[record.jobid] = record.rule_name
+            self._read_costs(Path("results") / record.wildcards.get("case", "") / "check/check.json")
+            return f"{self._stand()}: {record.rule_msg}" if record.rule_msg else ""
+        elif event == "error" or (event is None and record.levelno >= logging.WARNING):
+            return f"simgap: {record.getMessage()}"
+        return ""
+
+    def _read_costs(self, found: Path) -> None:
+        if not self.costs and found.is_file():
+            costs = {row["stage"]: row for row in json.loads(found.read_text())["costs"]}
+            begun = costs["workflow"]["seconds"] / costs["workflow"]["count"]
+            self.costs = {name: begun + row["seconds"] / JOBS.get(name, 1) for name, row in costs.items()}
+
+    def _stand(self) -> str:
+        minutes = sum(count * self.costs.get(rule, 0) for rule, count in self.left.items()) / 60
+        left = f", about {minutes:.1f} min of CPU time left" if minutes else ""
+        return f"[{self.done} of {self.total} steps done{left}]"
+
+
+def register_progress() -> None:
+    """Make `--logger simgap` known to Snakemake."""
+    from snakemake_interface_logger_plugins.base import LogHandlerBase
+    from snakemake_interface_logger_plugins.registry import LoggerPluginRegistry
+
+    class LogHandler(LogHandlerBase):
+        writes_to_stream = has_filter = has_formatter = True
+        writes_to_file = needs_rulegraph = False
+
+        def __post_init__(self) -> None:
+            self.progress = Progress()
+
+        def emit(self, record: logging.LogRecord) -> None:
+            if line := self.progress.line(record):
+                _say(line)
+
+    plugin = ModuleType("simgap")
+    vars(plugin)["LogHandler"] = LogHandler
+    LoggerPluginRegistry().register_plugin("simgap", plugin)
+
+
+def _say(line: str) -> None:
+    sys.stderr.write(f"{line}\n")
 
 
 def start(words: list[str]) -> None:
     """Run Snakemake with these words."""
     from snakemake.cli import get_argument_parser, main  # type: ignore[import-untyped]
 
+    register_progress()
     parser = get_argument_parser()
     unknown = [word for word in parser.parse_known_args(words)[1] if word.startswith("-")]
     if unknown:
         option = unknown[0].partition("=")[0]
         near = difflib.get_close_matches(option, parser._option_string_actions, 1)
-        meant = f"Did you mean {near[0]}?" if near else "`snakemake --help` lists those that there are."
-        told = option.encode("unicode_escape").decode()
-        sys.stderr.write(f"simgap: {told[:80]}: neither simgap nor Snakemake has such an option. {meant}\n")
+        meant = f"Did you mean {near[0]}?" if near else "`snakemake --help` lists the options."
+        named = option.encode("unicode_escape").decode()
+        _say(f"simgap: {named[:80]}: neither simgap nor Snakemake has such an option. {meant}")
         sys.exit(USAGE)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     main(words)

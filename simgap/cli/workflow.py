@@ -188,6 +188,8 @@ def _status(folder: Path, cases: Sequence[str], cores: int, options: Sequence[st
     command += ["--configfile", str(config), "--cores", str(cores), "--directory", "."]
     if not any(word.startswith("--workflow-profile") for word in options):
         command += ["--workflow-profile", str(workflow_file("profiles/default"))]
+    if not looks_on(options) and "--logger" not in options:
+        command += ["--logger", "simgap"]
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # it begins so, and frees itself where it is ready
     process = subprocess.Popen([*command, *options], env=os.environ | {RUN: f"{host()}:{os.getpid()}"})
     interrupted = False

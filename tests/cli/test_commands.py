@@ -34,6 +34,10 @@ def test_help_is_for_a_person_with_a_robot_or_recordings(capsys):
     assert "..." not in whole.replace("[ARGS]...", "")  # no sentence is cut
 
 
+def test_no_words_are_a_wish_for_help(capsys):
+    assert run([], capsys) == run(["--help"], capsys)
+
+
 def test_json_is_the_whole_of_stdout(root, tmp_path, capsys):
     status, out, _ = run(["check", root / "configs/cases/pendulum.yaml", "--json"], capsys)
     assert status == 0
