@@ -19,6 +19,7 @@ from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.thresholds import FIT_QUALITY
 from simgap.diagnosis.verdict.judge import real
+from simgap.diagnosis.verdict.score import Gain
 from simgap.diagnosis.verdict.transfer import Carried, transferable, trials
 
 
@@ -45,6 +46,11 @@ class Chosen:
     at_floor: bool
     agree: bool
     barred: Mapping[Key, str]
+
+    def predicts_better_than(self, other: Chosen) -> bool:
+        """Whether its set surely predicts better than another's, or than the model as declared where that has none."""
+        own, others = (Gain(0.0, 0.0) if c is None else c.gain for c in (self.carried, other.carried))
+        return own.surely_above(others)
 
     def less(self, kept: Explanation) -> Chosen:
         """The same with some effects of what was chosen alone."""
@@ -77,5 +83,4 @@ def chosen(parts: Parts, ends: Searched, settings: DiagnosisSettings, not_tried:
             same = [r.explanation for r in rivals(search, found) if r.exact]
             found = min((found, *same), key=by_place)
             kept = on_all(full, search, found, base)
-    search.watch.over = full.watch.over = True
     return Chosen(search, sparse, found, real(full, kept, at_floor), full, base, carried, at_floor, agree, not_tried)

@@ -65,7 +65,7 @@ def _answer(
     """The answer for a record; only of a `whole` one it is asked whether the plant changed in the middle."""
     record, parts, said, faults = ready(model, record, settings)
     watch, known_of = Watch(settings.budget_s, tell), barred(model, record, settings.effects, settings.known)
-    parts, ends, filtered, not_tried = _found(model, record, settings, parts, known_of, watch)
+    parts, ends, filtered, not_tried, robust = _found(model, record, settings, parts, known_of, watch)
     louder = under_its_noise(parts, ends, settings.max_effects, not_tried)
     if louder is None and whole:
         search, _, best = ends
@@ -76,27 +76,34 @@ def _answer(
     if watch.stopped:  # what is spent is spent: the answer stands on the samples that it was found on
         parts = replace(parts, known=ends[0].problem)
     put = chosen(parts, ends, settings, not_tried)
+    if robust is not None and not (put.at_floor or watch.stopped):
+        other = chosen(*robust, settings, not_tried)
+        if other.predicts_better_than(put):
+            parts, put = robust[0], other
+    watch.over = True
     return conclude(model, record, settings, parts, put, said, (*faults, *filtered))
 
 
 def _found(
     model: SymbolicModel, record: Record, settings: DiagnosisSettings, parts: Parts,
     not_tried: Mapping[Key, str], watch: Watch,
-) -> tuple[Parts, Searched, tuple[RecordingFault, ...], Mapping[Key, str]]:  # fmt: skip
+) -> tuple[Parts, Searched, tuple[RecordingFault, ...], Mapping[Key, str], tuple[Parts, Searched] | None]:  # fmt: skip
     """Search a record, tier by tier, and again where what was found changes what is known of it.
 
-    The folds, as far as commands from the record alone act, the search on them, velocities that were left out, and
-    candidates that were not tried.
+    The folds, as far as commands from the record alone act, the search on them, velocities that were left out,
+    candidates that were not tried, and where errors are gross but no pushes, the folds and the search under their law.
     """
+    robust = None
     most, before = settings.max_effects, begun(parts.known, not_tried, watch)
     tiers = Tiers(model, record, settings, not_tried, parts)
     wider, wide = tiers.screened(*before)
     if wider is None:
         pushed = None if explained_by_one(*before) else under_its_law(parts, *before, most, not_tried)
-        if pushed is not None:
+        if pushed is not None and pushed[0].left_out:
             parts, ends = pushed
             tiers, wide = replace(tiers, like=parts), None
         else:  # all data by least squares, from the beginning
+            robust = pushed
             ends = searched(parts.known, most, not_tried, watch, before=before)
         wider = tiers.second(ends[0], ends[2], wide)
     wider = tiers.motors(*(wider or (parts, ends))[1][::2]) or wider
@@ -104,17 +111,17 @@ def _found(
     search, _, found = ends
     reach, late = parts.known.reach(found.fit.theta), parts.known.ahead(found.fit.theta)
     if late > 0.0 or reach > parts.known.reach(search.problem.model.null):  # commands outside the record are unknown
-        parts = parts.past_the_unknown(reach).before_the_end(late)
+        parts, robust = parts.past_the_unknown(reach).before_the_end(late), None
         if watch.stopped:
             ends = fitted_again(parts.known, search, found, not_tried)
         else:
             ends = searched(parts.known, most, not_tried, watch, (found, chi2_dof(search.problem, found.fit)))
     filtered = () if watch.stopped else tuple(filtered_channels(ends[0], ends[2]))
     if filtered:
-        parts = parts.without(np.isin(record.measured, [f.channel for f in filtered]))
+        parts, robust = parts.without(np.isin(record.measured, [f.channel for f in filtered])), None
         not_tried = {**not_tried, **{(f.fault, f.channel): "the channel was left out" for f in filtered}}
         ends = searched(parts.known, most, not_tried, watch)
-    return parts, ends, filtered, not_tried
+    return parts, ends, filtered, not_tried, robust
 
 
 def ready(

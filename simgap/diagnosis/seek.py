@@ -106,7 +106,7 @@ def explained_by_one(search: Search, base: Fit) -> bool:
 def under_its_law(
     parts: Parts, plain: Search, base: Fit, most: int, not_tried: Collection[Key]
 ) -> tuple[Parts, Searched] | None:
-    """The search on without pushes; None where nobody pushed.
+    """The search on without pushes; under their law alone where more than noise is left; None where nobody pushed.
 
     Misses far beyond the usual ones are gross errors, and usual ones get smaller. What the model misses all the time
     says first what is usual, so that nothing it lacks is a gross error; what is worth its parameters at that size
@@ -131,8 +131,10 @@ def under_its_law(
         search = Search(problem, plain.starts, scale, watch=search.watch)
         found = _grown_from(search, start, found, min(most, LEAPS_ANYHOW))
         spans = gross_spans(problem, found.fit)
-    if not spans or search.watch.stopped or not search.reached(found):
+    if not spans or search.watch.stopped:
         return None
+    if not search.reached(found):  # what is left may be no push: nothing is left out
+        return parts.with_gross_errors(last, spans), (search, start, found)
     if looked_again(plain.watch, lambda: _is_explained(plain, found)):
         return None
     around = tuple((k, a - 0.25 * BRIEF_S, b + 0.25 * BRIEF_S) for k, a, b in spans)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.search import columns
 from simgap.diagnosis.simulation.coarse import coarse
+from tests.diagnosis.plants import point_pendulum
 from tests.undeclared.rig import robot
 from tests.undeclared.test_robot import _declared
 
@@ -28,3 +30,28 @@ def test_a_unit_is_not_saved_by_a_reversed_gain_far_from_one(monkeypatch):
     assert columns._missed_beside_effects(unit.applied(part), np.inf) > 100.0
     assert columns._missed_beside_effects(reversed_.applied(part), np.inf) == pytest.approx(1.0, abs=0.2)
     assert columns.better_columns(whole) is None  # the sign is left to the gain that the search finds
+
+
+@pytest.mark.parametrize(
+    ("inertia", "factor", "found"), [(0.0007, 1.0, None), (0.018, 1e-3, "wrong_unit"), (0.018, 1.0, None)]
+)
+def test_a_unit_that_leaves_nothing_of_the_plant_is_none(inertia, factor, found):
+    """A bench whose drive turns far more than the declared arm: the model misses by more than a straight line does.
+
+    Readings a thousand times too large are a straight line to it. Of the right model a thousandth is told all the same.
+    """
+    rng, t = np.random.default_rng(7919), np.arange(0.0, 12.0, 0.01)
+    runs = []
+    for k in range(2):
+        u = 0.3 * np.sin(np.outer(t, rng.uniform(1.0, 9.0, 4)) + rng.uniform(0.0, 6.0, 4)).mean(axis=1)
+
+        def slope(s, x, u=u):
+            return x[1], (np.interp(s, t, u) - 0.05 * 9.81 * 0.15 * np.sin(x[0])) / 0.018
+
+        x = solve_ivp(slope, (0.0, 12.0), (0.3, 0.0), t_eval=t, rtol=1e-8).y.T
+        runs.append(Trace(f"run{k}", t, factor * (x + rng.normal(0.0, (2e-3, 2e-2), x.shape)), u[:, None]))
+    record = Record(tuple(runs), ("angle", "rate"), ("torque",))
+    settings = DiagnosisSettings(window_s=0.5, horizon_s=0.2)
+    parts, _ = parts_of(point_pendulum(0.05, 0.15, inertia), record, settings)
+    better = columns.better_columns(coarse(parts.known))
+    assert (better and better.finding.fault) == found

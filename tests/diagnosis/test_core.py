@@ -8,11 +8,15 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from simgap.diagnosis.diagnose import diagnose
+from simgap.diagnosis.diagnose import diagnose, ready
 from simgap.diagnosis.record.folds import confirm_mask, split_windows
 from simgap.diagnosis.record.noise import noise_floor
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
+from simgap.diagnosis.search.equivalence import rivals
+from simgap.diagnosis.search.selection import select
+from simgap.diagnosis.search.watch import Watch
+from simgap.diagnosis.seek import begun
 from simgap.diagnosis.simulation.sensitivity import choose_step, linearise, slot_direction
 from simgap.errors import UserError
 from tests.diagnosis.plants import block, one_window, point_pendulum, with_effect
@@ -105,6 +109,17 @@ def test_mass_and_gain_of_a_block_cannot_be_told_apart_and_it_says_so():
     expected = 1.25 if found.name == "parameter_error" else 0.8
     assert ratio.ci95[0] <= expected <= ratio.ci95[1]
     assert ratio.value == pytest.approx(expected, rel=0.005)
+
+
+def test_an_equal_that_ends_in_a_better_optimum_is_an_equal():
+    """Where a fit has several optima one of two equal sets may end in a worse one: the same model all the same."""
+    _, parts, *_ = ready(block(), _record(2, mass=2.5), DiagnosisSettings(max_effects=1))
+    search, base = begun(parts.known, {}, Watch())
+    found = select(search, base, 1)
+    for above in (0.0, 400.0):
+        worse = replace(found, fit=replace(found.fit, chi2=found.fit.chi2 + above), bic=found.bic + above)
+        same = [r.explanation for r in rivals(search, worse) if r.exact]
+        assert {("parameter_error", "mass"), ("input_gain", "u")} <= {k for e in same for k in e.keys} | found.keys
 
 
 def test_the_corrected_model_predicts_at_the_floor():

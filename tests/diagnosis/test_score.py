@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from simgap.diagnosis.verdict.score import Errors, gained
+from simgap.diagnosis.verdict.score import Errors, Gain, gained
 from simgap.diagnosis.verdict.transfer import preferred_of
 
 
@@ -60,6 +60,20 @@ def test_the_scale_is_of_other_blocks_than_those_scored():
 def test_of_a_single_block_nothing_is_sure():
     alone = Errors(np.ones((5, 1)), np.zeros(5, dtype=np.int64)).density()
     assert not gained(alone, alone + 9.0).sure
+
+
+@pytest.mark.parametrize(
+    ("own", "other", "above"),
+    [
+        (Gain(1.1, 0.3), Gain(0.2, 0.3), True),
+        (Gain(1.1, 0.8), Gain(0.2, 0.8), False),  # surely above nothing, and not above the other
+        (Gain(0.25, 0.01), Gain(0.2, 0.01), False),  # surely, by a size that does not matter
+        (Gain(1.1, math.inf), Gain(0.0, 0.0), False),
+        (Gain(1.1, 0.3), Gain(0.0, 0.0), True),
+    ],
+)
+def test_gains_on_different_blocks_are_told_apart_by_the_errors_of_both(own, other, above):
+    assert own.surely_above(other) is above
 
 
 @pytest.mark.parametrize(

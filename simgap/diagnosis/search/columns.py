@@ -9,7 +9,7 @@ left to its gain, which may be negative.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -88,8 +88,8 @@ def better_columns(problem: Problem) -> Columns | None:
     """The possibility under which the declared model misses least, if it is better by far than the columns as they are.
 
     A large missing effect hides a wrong unit from the declared model: where no possibility is better by far, each is
-    tried once more with friction, biases and gains that are free, those out of sight aside. A small factor on an input
-    must also be better by far than no input at all, which it comes near to.
+    tried once more with friction, biases and gains that are free, those out of sight aside. Small inputs and large
+    readings take the plant out of sight: such a factor must also do better than one that leaves nothing of it.
     """
     few = np.unique(np.linspace(0, len(problem.windows) - 1, _WINDOWS).astype(int))
     part = problem.on(problem.windows.pick(few))
@@ -98,7 +98,7 @@ def better_columns(problem: Problem) -> Columns | None:
         return None
     far = OUT_OF_SIGHT * bar
     tried = [(option, _missed(option.applied(part), far)) for option in _options(problem)]
-    return _best(part, tried, bar, _missed) or _best_beside_effects(part, [o for o, left in tried if left <= far])
+    return _best(part, tried, bar) or _best_beside_effects(part, [o for o, left in tried if left <= far])
 
 
 def _best_beside_effects(part: Problem, options: Sequence[Columns]) -> Columns | None:
@@ -108,22 +108,30 @@ def _best_beside_effects(part: Problem, options: Sequence[Columns]) -> Columns |
         return None
     hopeless = _HOPELESS * bar / OUT_OF_SIGHT
     tried = [(option, _missed_beside_effects(option.applied(part), hopeless)) for option in options]
-    return _best(part, tried, bar, _missed_beside_effects)
+    return _best(part, tried, bar)
 
 
-def _best(
-    part: Problem, tried: Sequence[tuple[Columns, float]], bar: float, missed: Callable[[Problem, float], float]
-) -> Columns | None:
+def _best(part: Problem, tried: Sequence[tuple[Columns, float]], bar: float) -> Columns | None:
     """The best of what was tried, with what does as well in its words; None unless it is better by far than the bar."""
-    best, least = tried[0]
+    best, least = None, bar / OUT_OF_SIGHT / _LIKE
     for option, left in tried:
-        if left < _LIKE * least:  # a linear plant: input or reading, one and the same
-            best, least = option, left
-    if not least <= bar / OUT_OF_SIGHT or np.any(best.u < 0.0):
-        return None
-    if np.any(best.u < 1.0) and least >= MOST * missed(replace(part, u=np.zeros_like(part.u), memo=Memo()), np.inf):
+        if left < _LIKE * least and left < MOST * _missed_without_plant(part, option):
+            best, least = option, left  # a linear plant: input or reading, one and the same: the first
+    if best is None or np.any(best.u < 0.0):
         return None
     return best.beside([option for option, left in tried if option is not best and left < least / _LIKE])
+
+
+def _missed_without_plant(part: Problem, option: Columns) -> float:
+    """chi^2/dof with no input and with readings beyond all that moves the plant; inf where the option goes neither way.
+
+    What a factor explains that this explains as well, a straight line does: it is no unit.
+    """
+    small, large = np.abs(option.u) < 1.0, option.y > 1.0
+    if not (small.any() or large.any()):
+        return np.inf
+    beyond = replace(option, u=np.where(small, 0.0, option.u), y=np.where(large, 1e3 * option.y, option.y))
+    return _missed(beyond.applied(part), 0.0)
 
 
 def _missed(part: Problem, far: float) -> float:

@@ -99,7 +99,7 @@ def _listed(search: Search, chosen: Explanation, spanned: set[Key]) -> list[Riva
         if any(other.keys <= e.keys for other in kept):
             continue
         kept.append(e)
-        same = abs(e.fit.chi2 - chosen.fit.chi2) < EQUIVALENT_CHI2 * search.scale and e.count == chosen.count
+        same = e.fit.chi2 - chosen.fit.chi2 < EQUIVALENT_CHI2 * search.scale and e.count == chosen.count
         found.append(Rival(e, same and e.keys <= spanned | chosen.keys))
     return sorted(found, key=lambda r: r.explanation.bic)
 

@@ -26,7 +26,7 @@ from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import BIC_GAIN, MATTERS, MOST, PLAUSIBLE_RATIO, WIDTH
 from simgap.diagnosis.verdict.judge import folds_agree, judge, vanished
-from simgap.diagnosis.verdict.score import Errors, gained
+from simgap.diagnosis.verdict.score import Errors, Gain, gained
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +54,11 @@ class Carried:
     agrees: bool
     declared: Floats
     predicted: Floats
+
+    @property
+    def gain(self) -> Gain:
+        """What it predicts better than the model as declared."""
+        return gained(self.declared, self.predicted)
 
 
 def rescaled(search: Search, best: Explanation) -> Search:
