@@ -14,7 +14,7 @@ from simgap.diagnosis.arms.gains import Gains, scaled
 from simgap.diagnosis.arms.inertia import BaseParameters, Consistent
 from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, TERMS, ArmFolds, Key, Part, Payload
 from simgap.diagnosis.result import Estimate, FoundEffect, RecordingFault, Verdict
-from simgap.diagnosis.thresholds import FIT_QUALITY, MOST
+from simgap.diagnosis.thresholds import FIT_QUALITY, MOST, SURE
 from simgap.effects import AppliedEffect, effect
 from simgap.model.tree import PARAMETERS, UNITS, Tree
 
@@ -148,7 +148,7 @@ class Found:
         if joint is not None and self.drives is not None:
             g = float(self.drives.g[joint])
             value, error = value / g, float(np.hypot(error / g, value / g**2 * float(self.drives.errors[joint])))
-        return Estimate(value, (value - 1.96 * error, value + 1.96 * error), unit)
+        return Estimate(value, (value - SURE * error, value + SURE * error), unit)
 
 
 def answer(
@@ -249,7 +249,7 @@ def _gains(found: Found, inputs: Sequence[str]) -> list[FoundEffect]:
     out = []
     for name, g, e in zip(inputs, found.drives.g.tolist(), found.drives.errors.tolist(), strict=True):
         if g != 1.0:  # the others are as declared
-            ends = 1.0 / (g + 1.96 * e), 1.0 / max(g - 1.96 * e, 1e-300)
+            ends = 1.0 / (g + SURE * e), 1.0 / max(g - SURE * e, 1e-300)
             out.append(FoundEffect("input_gain", name, {"ratio": Estimate(1.0 / g, ends, "1")}))
     return out
 

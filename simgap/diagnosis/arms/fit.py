@@ -18,9 +18,7 @@ from simgap.diagnosis.record.noise import samples_as_one
 from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN
 from simgap.effects import effect
 
-SAME_DIRECTION = 1e-3
-"""A term of which less than this share (of its norm) is not what others do is not sought beside them."""
-
+_OWN = 1e-3  # a term of which less (of its norm) is not what others do is not sought beside them
 EXPECTED = ("viscous_friction", "coulomb_friction")
 """What every drive with a gear has."""
 
@@ -179,4 +177,4 @@ def _own_direction(gram: Floats, active: tuple[int, ...], k: int) -> bool:
     if not len(own):
         return True
     cross = gram[own, k]
-    return float(1.0 - cross @ inverted(gram[np.ix_(own, own)]) @ cross / gram[k, k]) > SAME_DIRECTION**2
+    return float(1.0 - cross @ inverted(gram[np.ix_(own, own)]) @ cross / gram[k, k]) > _OWN**2

@@ -11,19 +11,14 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.diagnosis.record.faults.measurement import ReadingFault
 from simgap.diagnosis.search.explanations import Explanation, Key, Search
+from simgap.diagnosis.search.fit import EQUIVALENT_CHI2
 from simgap.diagnosis.search.scoring import column, small_amplitude
 from simgap.diagnosis.simulation.sensitivity import linearise, slot_direction, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import (
-    AS_GOOD,
-    BIC_GAIN,
-    COLLINEAR,
-    EQUIVALENT_CHI2,
-    EXACTLY_COLLINEAR,
-    LISTED,
-    MOST,
-    WIDTH,
-)
+from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, COLLINEAR, MOST, WIDTH
+
+EXACTLY_COLLINEAR = 1.0 - 1e-6
+"""Projected sensitivities with a larger correlation are the same direction, up to rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +30,7 @@ class Rival:
 
 
 def rivals(search: Search, chosen: Explanation) -> list[Rival]:
-    """All sets within `LISTED` of the chosen one, best first, each once.
+    """All sets within `BIC_GAIN` of the chosen one, best first, each once.
 
     Each effect is replaced by others in turn, then whole sets by others whose sensitivities span the same space. A set
     that only adds effects to another one on the list is left out.
@@ -90,7 +85,7 @@ def once(listed: Iterable[Rival]) -> list[Rival]:
 def _listed(search: Search, chosen: Explanation, spanned: set[Key]) -> list[Rival]:
     close = [
         e for e in search.tried.values()
-        if e.physical and e.members and e.keys != chosen.keys and e.bic < chosen.bic + LISTED
+        if e.physical and e.members and e.keys != chosen.keys and e.bic < chosen.bic + BIC_GAIN
     ]  # fmt: skip
     close.sort(key=lambda e: (e.count, e.bic))
     kept: list[Explanation] = [chosen]
