@@ -12,8 +12,7 @@ from simgap.arrays import Floats
 from simgap.diagnosis.record.faults.measurement import ReadingFault
 from simgap.diagnosis.search.explanations import Explanation, Key, Search
 from simgap.diagnosis.search.fit import EQUIVALENT_CHI2
-from simgap.diagnosis.search.scoring import column, small_amplitude
-from simgap.diagnosis.simulation.sensitivity import linearise, slot_direction, with_values
+from simgap.diagnosis.simulation.sensitivity import with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, COLLINEAR, MOST, WIDTH
 
@@ -104,21 +103,14 @@ def _spanned(search: Search, chosen: Explanation) -> tuple[list[Candidate], Floa
 
     With the normalised Gram matrix of the free slots of the chosen effects, then of these candidates.
     """
-    problem, at = search.problem, chosen.fit
-    own = [slot_direction(problem, at.theta, k, search.steps[k]) for k in at.slots]
-    asked, directions = [], list(own)
-    for index, (c, start) in enumerate(search.starts.items):
-        if c.key in chosen.keys or start.size != 1 or start.amplitude is not None:
-            continue
-        asked.append(c)
-        directions.append(column(at.theta, c, start, 0, small_amplitude(problem, at, c, start, index, search.starts)))
-    if not own or not asked:
-        return [], np.zeros((0, 0))
-    linear = linearise(problem, at.theta, at.x0, directions)
-    gram, visible, p = _normalised(linear.gram), linear.visible, len(own)
-    inside = [j for j in range(p, len(directions)) if visible[j] and _in_span(gram, list(range(p)), j)]
-    kept = [*range(p), *inside]
-    return [asked[j - p] for j in inside], np.asarray(gram[np.ix_(kept, kept)])
+    seen = search.screen(chosen)
+    gram, own = _normalised(seen.gram), list(range(seen.own))
+    inside = [
+        (c, j) for c, start, (j, *more) in seen.asked
+        if not more and start.amplitude is None and _in_span(gram, own, j)
+    ]  # fmt: skip
+    kept = [*own, *(j for _, j in inside)]
+    return [c for c, _ in inside], np.asarray(gram[np.ix_(kept, kept)])
 
 
 def _in_span(gram: Floats, among: list[int], j: int) -> bool:
@@ -158,21 +150,14 @@ def _reset(search: Search, chosen: Explanation, members: tuple[Candidate, ...]) 
 
 def collinear_pairs(search: Search, base: Explanation) -> list[tuple[Key, Key, float]]:
     """Pairs of candidates whose sensitivities around the declared model correlate above `COLLINEAR`, closest first."""
-    problem, at = search.problem, base.fit
-    asked: list[Candidate] = []
-    directions = []
-    for index, (c, start) in enumerate(search.starts.items):
-        if start.size == 1 and c.key not in {a.key for a in asked}:
-            amplitude = small_amplitude(problem, at, c, start, index, search.starts)
-            asked.append(c)
-            directions.append(column(at.theta, c, start, 0, amplitude))
-    if not directions:
-        return []
-    linear = linearise(problem, at.theta, at.x0, directions)
-    seen = linear.visible
-    gram = np.abs(_normalised(linear.gram))
+    seen = search.screen(base)
+    first: dict[Key, int] = {}
+    for c, _, (j, *more) in seen.asked:
+        if not more:
+            first.setdefault(c.key, j)
+    gram = np.abs(_normalised(seen.gram))
     pairs = [
-        (asked[i].key, asked[j].key, min(float(gram[i, j]), 1.0))
-        for i in range(len(asked)) for j in range(i) if seen[i] and seen[j] and gram[i, j] > COLLINEAR
+        (a, b, min(float(gram[first[a], first[b]]), 1.0))
+        for b, a in itertools.combinations(first, 2) if gram[first[a], first[b]] > COLLINEAR
     ]  # fmt: skip
     return sorted(pairs, key=lambda pair: -pair[2])
