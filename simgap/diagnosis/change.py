@@ -14,7 +14,7 @@ from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, FoundEffect, R
 from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.scoring import column, small_amplitude
-from simgap.diagnosis.simulation.sensitivity import Direction, linearise, slot_direction
+from simgap.diagnosis.simulation.sensitivity import Direction, linearise, promised, slot_direction
 from simgap.diagnosis.thresholds import FEWEST_WINDOWS, FIT_QUALITY, MOST
 from simgap.effects import EFFECTS
 from simgap.errors import UserError
@@ -198,26 +198,18 @@ def _others(search: Search, found: Explanation) -> list[Direction]:
     return out
 
 
-def _drop(gram: Floats, gradient: Floats) -> float:
-    """What the coefficients promise together: (p, p), (p,)."""
-    if not len(gradient):
-        return 0.0
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    return float(np.linalg.lstsq(gram / np.outer(scale, scale), gradient / scale, rcond=1e-10)[0] @ (gradient / scale))
-
-
 def _gain(grams: Floats, gradients: Floats, own: int, j: int, weights: Floats | None) -> float:
     """What the first `own` coefficients and j promise, j also by itself in windows as they are weighted: (n,)."""
     free = sorted({*range(own), j})
     gram, gradient = grams[:, free][:, :, free].sum(axis=0), gradients[:, free].sum(axis=0)
     if weights is None:
-        return _drop(gram, gradient)
+        return promised(gram, gradient)[0]
     p = len(free)
     wide, slope = np.empty((p + 1, p + 1)), np.append(gradient, weights @ gradients[:, j])
     wide[:p, :p] = gram
     wide[:p, p] = wide[p, :p] = weights @ grams[:, free, j]
     wide[p, p] = weights**2 @ grams[:, j, j]
-    return _drop(wide, slope)
+    return promised(wide, slope)[0]
 
 
 def _ramps(count: int) -> list[Floats]:

@@ -15,6 +15,7 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, TERMS, Key, Part
 from simgap.diagnosis.record.noise import samples_as_one
+from simgap.diagnosis.simulation.sensitivity import inverted
 from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN
 from simgap.effects import effect
 
@@ -29,13 +30,6 @@ class Solution:
 
     active: tuple[int, ...]
     theta: Floats
-
-
-def inverted(gram: Floats) -> Floats:
-    """(p, p) inverse, columns scaled to one size; what the data do not show is left out."""
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    whole = np.outer(scale, scale)
-    return np.asarray(np.linalg.pinv(gram / whole, rcond=1e-10, hermitian=True) / whole)
 
 
 def solve(gram: Floats, right: Floats, active: Sequence[int], size: int) -> Solution:

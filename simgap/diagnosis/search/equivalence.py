@@ -12,7 +12,7 @@ from simgap.arrays import Floats
 from simgap.diagnosis.record.faults.measurement import ReadingFault
 from simgap.diagnosis.search.explanations import Explanation, Key, Search
 from simgap.diagnosis.search.fit import EQUIVALENT_CHI2
-from simgap.diagnosis.simulation.sensitivity import with_values
+from simgap.diagnosis.simulation.sensitivity import scaled, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, COLLINEAR, MOST, WIDTH
 
@@ -104,7 +104,7 @@ def _spanned(search: Search, chosen: Explanation) -> tuple[list[Candidate], Floa
     With the normalised Gram matrix of the free slots of the chosen effects, then of these candidates.
     """
     seen = search.screen(chosen)
-    gram, own = _normalised(seen.gram), list(range(seen.own))
+    gram, own = scaled(seen.gram)[0], list(range(seen.own))
     inside = [
         (c, j) for c, start, (j, *more) in seen.asked
         if not more and start.amplitude is None and _in_span(gram, own, j)
@@ -117,11 +117,6 @@ def _in_span(gram: Floats, among: list[int], j: int) -> bool:
     """Whether direction j lies in the span of others, by their Gram matrix."""
     weights = np.linalg.lstsq(gram[np.ix_(among, among)], gram[among, j], rcond=1e-9)[0]
     return float(weights @ gram[among, j]) > EXACTLY_COLLINEAR**2
-
-
-def _normalised(gram: Floats) -> Floats:
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    return np.asarray(gram / np.outer(scale, scale))
 
 
 def _other_sets(chosen: Explanation, spanned: list[Candidate], gram: Floats) -> list[tuple[Candidate, ...]]:
@@ -155,7 +150,7 @@ def collinear_pairs(search: Search, base: Explanation) -> list[tuple[Key, Key, f
     for c, _, (j, *more) in seen.asked:
         if not more:
             first.setdefault(c.key, j)
-    gram = np.abs(_normalised(seen.gram))
+    gram = np.abs(scaled(seen.gram)[0])
     pairs = [
         (a, b, min(float(gram[first[a], first[b]]), 1.0))
         for b, a in itertools.combinations(first, 2) if gram[first[a], first[b]] > COLLINEAR

@@ -13,7 +13,7 @@ from simgap.diagnosis.record.folds import Windows
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.refit import Refit, refit, refit_from_all, window_chi2
-from simgap.diagnosis.simulation.sensitivity import Linearised, linearise, slot_direction
+from simgap.diagnosis.simulation.sensitivity import Linearised, inverted, linearise, scaled, slot_direction
 from simgap.diagnosis.thresholds import NEAR
 
 EQUIVALENT_CHI2 = 1.0
@@ -119,8 +119,7 @@ def fit(
             break
         at = mended
     limit = tuple(k for k in free if at.theta[k] in (problem.model.lower[k], problem.model.upper[k]))
-    covariance = _covariance(linear.gram)
-    return Fit(at.theta, at.x0, tuple(slots), at.total, covariance, limit, converged, problem.windows)
+    return Fit(at.theta, at.x0, tuple(slots), at.total, inverted(linear.gram, 1e-12), limit, converged, problem.windows)
 
 
 def _least_gain(at: _Point) -> float:
@@ -222,13 +221,7 @@ def _step(problem: Problem, theta: Floats, free: list[int], linear: Linearised, 
     outward = ((at <= lower) & (linear.gradient < 0)) | ((at >= upper) & (linear.gradient > 0))
     move = np.flatnonzero(~outward)
     if move.size:
-        gram = linear.gram[np.ix_(move, move)]
-        scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-        scaled = gram / np.outer(scale, scale) + damping * np.eye(len(move))
-        step[move] = np.linalg.lstsq(scaled, linear.gradient[move] / scale, rcond=1e-13)[0] / scale
+        gram, size = scaled(linear.gram[np.ix_(move, move)])
+        damped = gram + damping * np.eye(len(move))
+        step[move] = np.linalg.lstsq(damped, linear.gradient[move] / size, rcond=1e-13)[0] / size
     return step
-
-
-def _covariance(gram: Floats) -> Floats:
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    return np.asarray(np.linalg.pinv(gram / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale))

@@ -11,7 +11,7 @@ from simgap.arrays import Floats
 from simgap.diagnosis.search.explanations import SAME_PROMISE, Explanation, Search
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.search.scoring import Screen, begun_at
-from simgap.diagnosis.simulation.sensitivity import with_values
+from simgap.diagnosis.simulation.sensitivity import scaled, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import LEAPS_ANYHOW, MOST, NARROW, OUT_OF_SIGHT, WIDTH
 
@@ -46,8 +46,8 @@ def best_subsets(seen: Screen, size: int) -> list[Subset]:
 
     An effect that contains another acts as that one at its null, and is left out.
     """
-    scale = np.sqrt(np.maximum(np.diag(seen.gram), 1e-300))
-    gram, gradient = seen.gram / np.outer(scale, scale), seen.gradient / scale
+    gram, scale = scaled(seen.gram)
+    gradient = seen.gradient / scale
     options = [k for k, (c, _, _) in enumerate(seen.asked) if c.effect.contains is None]
     kept = [_Partial((), 0.0)]
     for _ in range(size):

@@ -85,6 +85,27 @@ class Linearised:
         return out
 
 
+def scaled(gram: Floats) -> tuple[Floats, Floats]:
+    """Normal equations (p, p) with columns of size 1, and their sizes (p,)."""
+    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    return gram / np.outer(size, size), size
+
+
+def inverted(gram: Floats, rank: float = 1e-10) -> Floats:
+    """(p, p) inverse, columns scaled to one size; what the data do not show is left out."""
+    own, size = scaled(gram)
+    return np.asarray(np.linalg.pinv(own, rcond=rank, hermitian=True) / np.outer(size, size))
+
+
+def promised(gram: Floats, gradient: Floats) -> tuple[float, Floats]:
+    """Drop of chi^2 that normal equations (p, p), (p,) promise, and their solution (p,)."""
+    if not len(gradient):
+        return 0.0, gradient
+    own, size = scaled(gram)
+    found = np.linalg.lstsq(own, gradient / size, rcond=1e-10)[0]
+    return float(found @ (gradient / size)), np.asarray(found / size)
+
+
 def slot_direction(problem: Problem, theta: Floats, slot: int, step: float) -> Direction:
     """One-sided difference in one parameter of theta (q,), away from its limits."""
     moved = theta.copy()
