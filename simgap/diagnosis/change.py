@@ -9,16 +9,18 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.diagnosis.record.faults.noise import PlantChanged
-from simgap.diagnosis.record.record import Record
+from simgap.diagnosis.record.record import MIN_SAMPLES, Record
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, FoundEffect, RecordingFault
 from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.scoring import column, small_amplitude
-from simgap.diagnosis.simulation.sensitivity import Direction, linearise, slot_direction
-from simgap.diagnosis.thresholds import FEWEST_WINDOWS, FIT_QUALITY, MIN_SAMPLES, MOST, RAMP_ENDS, SIDES_ALIKE
+from simgap.diagnosis.simulation.sensitivity import Direction, linearise, promised, slot_direction
+from simgap.diagnosis.thresholds import FEWEST_WINDOWS, FIT_QUALITY, MOST
 from simgap.effects import EFFECTS
 from simgap.errors import UserError
 from simgap.notation import joined
+
+_RAMP_ENDS = 13  # instants, evenly spread, at which a slow change may begin and end: twelfths of a record
 
 Answer = Callable[[Record, DiagnosisSettings], Diagnosis]
 
@@ -70,7 +72,7 @@ def _move_alike(before: Record, after: Record) -> bool:
         return np.asarray(np.sqrt(np.mean(np.concatenate([r - r.mean(axis=0) for r in rows]) ** 2, axis=0)))
 
     first, second = spread(before), spread(after)
-    return bool(np.all(np.maximum(first, second) <= SIDES_ALIKE * np.minimum(first, second)))
+    return bool(np.all(MOST * np.maximum(first, second) <= np.minimum(first, second)))
 
 
 def _whole(d: Diagnosis) -> bool:
@@ -196,31 +198,23 @@ def _others(search: Search, found: Explanation) -> list[Direction]:
     return out
 
 
-def _drop(gram: Floats, gradient: Floats) -> float:
-    """What the coefficients promise together: (p, p), (p,)."""
-    if not len(gradient):
-        return 0.0
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    return float(np.linalg.lstsq(gram / np.outer(scale, scale), gradient / scale, rcond=1e-10)[0] @ (gradient / scale))
-
-
 def _gain(grams: Floats, gradients: Floats, own: int, j: int, weights: Floats | None) -> float:
     """What the first `own` coefficients and j promise, j also by itself in windows as they are weighted: (n,)."""
     free = sorted({*range(own), j})
     gram, gradient = grams[:, free][:, :, free].sum(axis=0), gradients[:, free].sum(axis=0)
     if weights is None:
-        return _drop(gram, gradient)
+        return promised(gram, gradient)[0]
     p = len(free)
     wide, slope = np.empty((p + 1, p + 1)), np.append(gradient, weights @ gradients[:, j])
     wide[:p, :p] = gram
     wide[:p, p] = wide[p, :p] = weights @ grams[:, free, j]
     wide[p, p] = weights**2 @ grams[:, j, j]
-    return _drop(wide, slope)
+    return promised(wide, slope)[0]
 
 
 def _ramps(count: int) -> list[Floats]:
     """Slow changes: from 0 at one window to 1 at another that is at least a sixth of the record later."""
-    ends = np.linspace(0.0, count - 1.0, RAMP_ENDS)
+    ends = np.linspace(0.0, count - 1.0, _RAMP_ENDS)
     at = np.arange(count, dtype=float)
     least = max((count - 1.0) / 6.0, 2.0)
     return [np.clip((at - a) / (b - a), 0.0, 1.0) for a in ends for b in ends if b - a >= least]

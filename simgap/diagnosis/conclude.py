@@ -27,7 +27,7 @@ from simgap.diagnosis.result import (
     Verdict,
 )
 from simgap.diagnosis.search.confidence import chi2_dof
-from simgap.diagnosis.search.equivalence import Rival, as_good, collinear_pairs, once, rivals
+from simgap.diagnosis.search.equivalence import EXACTLY_COLLINEAR, Rival, as_good, collinear_pairs, once, rivals
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.search.scoring import places
@@ -37,7 +37,7 @@ from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, EXACTLY_COLLINEAR, FIT_QUALITY, MATTERS, NARROW
+from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, FIT_QUALITY, MATTERS, NARROW
 from simgap.diagnosis.verdict import answer
 from simgap.diagnosis.verdict.beyond import beyond
 from simgap.diagnosis.verdict.faults import faint_memory, noise_faults, push_faults

@@ -24,7 +24,7 @@ from simgap.diagnosis.simulation.gross_errors import usual_size
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.thresholds import BRIEF_S, FAR, FIT_QUALITY, LEAPS_ANYHOW, MOST, MOST_COLOURED
+from simgap.diagnosis.thresholds import BRIEF_S, FAR, FIT_QUALITY, LEAPS_ANYHOW, MATTERS, MOST
 from simgap.diagnosis.verdict.faults import faint_memory, gross_spans
 
 Searched = tuple[Search, Fit, Explanation]
@@ -183,7 +183,7 @@ def under_its_noise(
 
 def _noise(known: Problem, search: Search, found: Explanation) -> tuple[Floats, Colour] | None:
     """The law of the noise, where what was found leaves more than white noise and that is no trace of a force."""
-    if not FIT_QUALITY < chi2_dof(search.problem, found.fit) <= MOST_COLOURED:
+    if not FIT_QUALITY < chi2_dof(search.problem, found.fit) <= 1.0 / MATTERS:
         return None
     at = found.fit
     if search.problem is not known:

@@ -30,13 +30,14 @@ from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.refit import refit
 from simgap.diagnosis.simulation.sensitivity import choose_step, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY, LEAPS_ANYHOW, MOST, MOTOR_STEPS, NARROW, NEAR
+from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY, LEAPS_ANYHOW, MOST, NARROW, NEAR
 from simgap.effects import EFFECTS
 from simgap.model.symbolic import SymbolicModel
 
 Begun = tuple[Parts, Search, Fit]
 """The folds, a search on them in which nothing was tried yet, and the model as declared."""
 _EVERY = 3  # of the windows, for a first try of a motor
+_STEPS = 8  # of a first try of a motor
 _FEW = 6  # linearisations of the initial states at a start
 
 
@@ -259,4 +260,4 @@ def _promises(part: Problem, members: tuple[Candidate, ...], theta: Floats, x0: 
     """What a few steps of a fit on some windows leave, chi^2 for each reading."""
     slots = [k for c in members for p, k in zip(c.effect.parameters, c.slots, strict=True) if not p.integer]
     steps = {k: choose_step(part, theta, x0, k, 1e-4) for k in slots}
-    return fit(part, theta, x0, slots, steps, MOTOR_STEPS, 1).chi2 / part.size
+    return fit(part, theta, x0, slots, steps, _STEPS, 1).chi2 / part.size

@@ -12,7 +12,7 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.config.measured import MeasuredSection
 from simgap.diagnosis.diagnose import ready
-from simgap.diagnosis.experiment.ask import ENOUGH, Advice, Question, ask, windows_to_come
+from simgap.diagnosis.experiment.ask import Advice, Question, ask, windows_to_come
 from simgap.diagnosis.experiment.propose import missed
 from simgap.diagnosis.experiment.rivals import Explained, library_names
 from simgap.diagnosis.experiment.words import lengths_in_words, paragraph
@@ -20,6 +20,7 @@ from simgap.diagnosis.record.conditions import Known, conditioned, under_conditi
 from simgap.diagnosis.record.faults.measurement import is_fault
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import DiagnosisSettings
+from simgap.diagnosis.thresholds import CONFIDENCE
 from simgap.effects import AppliedEffect
 from simgap.errors import UserError
 from simgap.geometry import Box
@@ -234,7 +235,7 @@ def _lengths(question: Question, advice: Advice) -> dict[str, Any]:
     whole = advice.longest or advice.proposal
     return {
         "seconds": float(advice.bench.t[-1]),
-        "asked": ENOUGH if question.brief else None,
+        "asked": CONFIDENCE if question.brief else None,
         "shown": advice.proposal.shown,
         "longest": {"seconds": float(question.t[-1]), "probability": whole.sure, "shown": whole.shown},
     }

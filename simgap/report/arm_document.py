@@ -13,13 +13,14 @@ from simgap.diagnosis.arms.answer import ArmDiagnosis
 from simgap.diagnosis.arms.problem import INERTIAL, TERMS
 from simgap.diagnosis.record.survey import Survey
 from simgap.diagnosis.record.traces import Reading
+from simgap.diagnosis.verdict.words import explained
 from simgap.effects import effect
 from simgap.effects.quoted import Quoted
 from simgap.io import figure_style as style
 from simgap.io.pages import render
 from simgap.model.tree import Tree
 from simgap.notation import joined
-from simgap.report.diagnosis_document import effect_entry
+from simgap.report.diagnosis_document import effect_entry, explained_error
 from simgap.report.figures.arm import torque_error_figure, torque_figure
 
 Document = Mapping[str, Any]
@@ -44,17 +45,16 @@ def _found(document: Document) -> str:
         return f"The model explains the torques down to their noise: no effect is missing.{_mounted(document)}"
     if verdict == "unexplained":
         return (
-            "No friction, inertia, bias or change of inertial parameters halves the error of the torques on data that "
-            "were never fitted: look for a torque column or a drive gain that is not what the case says, or for a "
-            "force that was not measured."
+            "No friction, inertia, bias or change of inertial parameters surely lowers the error of the torques on "
+            "data that were never fitted: look for a torque column or a drive gain that is not what the case says, or "
+            "for a force that was not measured."
         )
-    share = 100 * min(max(float(document["explained_share"]), 0.0), 1.0)
     own = [describe(e) for e in effects if e["name"] != INERTIAL]
     links = [e["on"] for e in effects if e["name"] == INERTIAL]
     parts = [*own, *([f"other inertial parameters of {joined(links)}"] if links else [])]
     what = joined(parts)
     verb = "explains" if own == parts and len(parts) == 1 else "explain" if len(parts) == 1 else "together explain"
-    text = f"{what[0].upper()}{what[1:]} {verb} {share:.0f} % of the excess error of the torques."
+    text = f"{what[0].upper()}{what[1:]} {verb} {explained(document)} of the torques."
     return f"{text}{_mounted(document)}"
 
 
@@ -81,10 +81,10 @@ MEANING = {
     "none": "On data that were never fitted the model as declared misses the torques by no more than their noise.",
     "attributed": "With these effects, torques that were never fitted are missed by no more than their noise.",
     "partial": (
-        "The effects have their physical sign, their intervals leave out 'no effect', and at least half of the excess "
-        "error of torques that were never fitted is gone; the noise of the torques is not reached."
+        "The effects have their physical sign, their intervals leave out 'no effect', and torques that were never "
+        "fitted are surely missed by less, by a tenth or more; the noise of the torques is not reached."
     ),
-    "unexplained": "Nothing that was tried halves the excess error of torques that were never fitted.",
+    "unexplained": "Nothing that was tried surely lowers the error of torques that were never fitted.",
 }
 
 
@@ -144,6 +144,7 @@ def document(
             },
         },
         "explained_share": 1.0 - found.excess_share,
+        "explained_error": explained_error(found.explained_error),
         "held_out": _fold(found.folds["confirm"]),
         "folds": {name: _fold(traces) for name, traces in found.folds.items()},
         "data": reading.files,

@@ -91,7 +91,7 @@ def _judgement(found: Diagnosis) -> dict[str, Any]:
     """How far the answer goes: shares, what is left, what cannot be told apart."""
     return {
         "explained_share": 1.0 - found.excess_share,
-        "explained_error": _explained(found.explained_error),
+        "explained_error": explained_error(found.explained_error),
         "fit_quality": {
             "chi2_dof": {"before": found.before.chi2_dof, "after": found.after.chi2_dof},
             "held_out_ratio": {"before": found.before.held_out_ratio, "after": found.after.held_out_ratio},
@@ -114,7 +114,7 @@ def _judgement(found: Diagnosis) -> dict[str, Any]:
     }
 
 
-def _explained(share: tuple[float, float, float] | None) -> dict[str, Any] | None:
+def explained_error(share: tuple[float, float, float] | None) -> dict[str, Any] | None:
     """Off the noise floor: the share of the error's scale that goes, with its interval."""
     return None if share is None else {"share": share[0], "ci95": share[1:]}
 

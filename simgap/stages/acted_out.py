@@ -20,7 +20,7 @@ from simgap.config.case import Case
 from simgap.config.measured import MeasuredSection
 from simgap.config.plant import AddedEffect
 from simgap.diagnosis.result import Diagnosis
-from simgap.diagnosis.thresholds import MATTERS, MOST_FOLLOWED, NEAR
+from simgap.diagnosis.thresholds import MATTERS, NEAR
 from simgap.diagnosis.verdict.transitions import Followed, followed, stray
 from simgap.effects import AppliedEffect, effect
 from simgap.errors import UserError
@@ -32,6 +32,7 @@ from simgap.simulators.rollouts import follow
 from simgap.stages import log
 
 Effects = tuple[AppliedEffect, ...]
+_MOST_FOLLOWED = 24  # windows over which a simulator is held against the recordings
 
 
 @dataclass(frozen=True)
@@ -142,7 +143,7 @@ def _errors(
 ) -> list[float]:
     """How far the simulator strays from the windows that confirm with each set of effects; none without windows."""
     held = [w for w in found.windows if w.held_out]
-    held = held[:: max(1, -(-len(held) // MOST_FOLLOWED))]
+    held = held[:: max(1, -(-len(held) // _MOST_FOLLOWED))]
     tau = context.domain.tau
     runs = [_runs(context, found, held, measured, s, tau) for s in sets]
     if not all(runs):

@@ -14,7 +14,8 @@ from simgap.diagnosis.arms.gains import Gains, scaled
 from simgap.diagnosis.arms.inertia import BaseParameters, Consistent
 from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, TERMS, ArmFolds, Key, Part, Payload
 from simgap.diagnosis.result import Estimate, FoundEffect, RecordingFault, Verdict
-from simgap.diagnosis.thresholds import FIT_QUALITY, MOST
+from simgap.diagnosis.thresholds import FIT_QUALITY, SURE
+from simgap.diagnosis.verdict.score import Errors, Gain, gained
 from simgap.effects import AppliedEffect, effect
 from simgap.model.tree import PARAMETERS, UNITS, Tree
 
@@ -74,6 +75,7 @@ class ArmDiagnosis:
         beyond_friction: trace of *confirm* -> input -> RMS after, where a joint at rest counts only with what the dry
             friction that was found cannot hold.
         excess_share: excess over the floor, after over before.
+        explained_error: where more than the floor is left, as of every diagnosis.
         folds: fold -> traces; whole: whether they are whole traces.
         sought: every term and what became of it.
         cut_hz: cut of the low pass; independent: input -> rows of fit and choose that count as independent.
@@ -95,6 +97,7 @@ class ArmDiagnosis:
     per_trace: Mapping[str, tuple[Mapping[str, float], Mapping[str, float]]]
     beyond_friction: Mapping[str, Mapping[str, float]]
     excess_share: float
+    explained_error: tuple[float, float, float] | None
     folds: Mapping[str, tuple[str, ...]]
     sought: tuple[Sought, ...]
     cut_hz: float
@@ -148,7 +151,7 @@ class Found:
         if joint is not None and self.drives is not None:
             g = float(self.drives.g[joint])
             value, error = value / g, float(np.hypot(error / g, value / g**2 * float(self.drives.errors[joint])))
-        return Estimate(value, (value - 1.96 * error, value + 1.96 * error), unit)
+        return Estimate(value, (value - SURE * error, value + SURE * error), unit)
 
 
 def answer(
@@ -162,9 +165,11 @@ def answer(
     heard = [j for j in range(tree.size) if j not in found.silent]
     errors = before[heard], after[heard], found.noise[heard]
     share = excess_share(*errors)
+    scored = (_scored(part, theta, found, heard) for part, theta in ((folds.confirm, zero), (confirm, found.used)))
+    gain = gained(*(each.density() for each in scored)) if heard else Gain(0.0, math.inf)
     base = _base(tree, found)
     effects = (*_gains(found, inputs), *_terms(found, tree, inputs, units), *_links(base, found))
-    word = verdict(*errors, share, bool(effects))
+    word = verdict(*errors, gain, bool(effects))
     rows = (folds.fit.live.sum(axis=0) + folds.choose.live.sum(axis=0)) / found.correlated
 
     def by_input(x: Floats) -> dict[str, float]:
@@ -195,6 +200,7 @@ def answer(
         per_trace=per_trace,
         beyond_friction=beyond,
         excess_share=share,
+        explained_error=gain.share if word == "partial" else None,
         folds=folds.traces,
         sought=_sought(found),
         cut_hz=cut_hz,
@@ -228,8 +234,16 @@ def excess_share(before: Floats, after: Floats, floor: Floats) -> float:
     return float(np.sqrt((new / scale).sum() / max(float((old / scale).sum()), 1e-300)))
 
 
-def verdict(before: Floats, after: Floats, floor: Floats, share: float, something: bool) -> Verdict:
-    """The word: at the floor as declared, at the floor with the effects, half of the excess gone, or none of these."""
+def _scored(part: Part, theta: Floats, found: Found, heard: Sequence[int]) -> Errors:
+    """What is left of torques that say something, over their noise, in blocks that hardly remember each other."""
+    size = residual(part, theta)[:, heard] / np.maximum(found.noise[heard], 1e-300)
+    row, length = np.arange(len(size)) - np.searchsorted(part.trace, part.trace), 2.0 * found.correlated[heard].max()
+    place = np.stack([part.trace, row // length], axis=1)
+    return Errors(size, np.unique(place, axis=0, return_inverse=True)[1].ravel())
+
+
+def verdict(before: Floats, after: Floats, floor: Floats, gain: Gain, something: bool) -> Verdict:
+    """The word: at the floor as declared, at the floor with the effects, surely better with them, or none of these."""
     old, new = (
         float(np.sqrt(np.sum((e / np.maximum(floor, 1e-300)) ** 2) / max(len(floor), 1))) for e in (before, after)
     )
@@ -239,7 +253,7 @@ def verdict(before: Floats, after: Floats, floor: Floats, share: float, somethin
         return "none"
     if something and new <= math.sqrt(FIT_QUALITY):
         return "attributed"
-    return "partial" if something and share <= MOST else "unexplained"
+    return "partial" if something and gain.sure else "unexplained"
 
 
 def _gains(found: Found, inputs: Sequence[str]) -> list[FoundEffect]:
@@ -249,7 +263,7 @@ def _gains(found: Found, inputs: Sequence[str]) -> list[FoundEffect]:
     out = []
     for name, g, e in zip(inputs, found.drives.g.tolist(), found.drives.errors.tolist(), strict=True):
         if g != 1.0:  # the others are as declared
-            ends = 1.0 / (g + 1.96 * e), 1.0 / max(g - 1.96 * e, 1e-300)
+            ends = 1.0 / (g + SURE * e), 1.0 / max(g - SURE * e, 1e-300)
             out.append(FoundEffect("input_gain", name, {"ratio": Estimate(1.0 / g, ends, "1")}))
     return out
 

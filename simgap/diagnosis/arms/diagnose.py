@@ -23,6 +23,7 @@ from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, TERMS, Key, Part, P
 from simgap.diagnosis.arms.torque_columns import faulty_columns, without
 from simgap.diagnosis.record.noise import noise_floor
 from simgap.diagnosis.record.record import Record, Trace
+from simgap.diagnosis.thresholds import SURE
 from simgap.model.tree import Tree
 
 
@@ -143,7 +144,7 @@ def _doubtful(keys: Sequence[Key], active: Sequence[int], theta: Floats, errors:
     return {
         k: abs(theta[k]) / max(errors[k], 1e-300)
         for k in active
-        if keys[k].effect in TERMS and (abs(theta[k]) < 1.96 * errors[k] or not admissible(keys[k], theta[k]))
+        if keys[k].effect in TERMS and (abs(theta[k]) < SURE * errors[k] or not admissible(keys[k], theta[k]))
     }
 
 

@@ -15,12 +15,11 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, TERMS, Key, Part
 from simgap.diagnosis.record.noise import samples_as_one
+from simgap.diagnosis.simulation.sensitivity import inverted
 from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN
 from simgap.effects import effect
 
-SAME_DIRECTION = 1e-3
-"""A term of which less than this share (of its norm) is not what others do is not sought beside them."""
-
+_OWN = 1e-3  # a term of which less (of its norm) is not what others do is not sought beside them
 EXPECTED = ("viscous_friction", "coulomb_friction")
 """What every drive with a gear has."""
 
@@ -31,13 +30,6 @@ class Solution:
 
     active: tuple[int, ...]
     theta: Floats
-
-
-def inverted(gram: Floats) -> Floats:
-    """(p, p) inverse, columns scaled to one size; what the data do not show is left out."""
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    whole = np.outer(scale, scale)
-    return np.asarray(np.linalg.pinv(gram / whole, rcond=1e-10, hermitian=True) / whole)
 
 
 def solve(gram: Floats, right: Floats, active: Sequence[int], size: int) -> Solution:
@@ -179,4 +171,4 @@ def _own_direction(gram: Floats, active: tuple[int, ...], k: int) -> bool:
     if not len(own):
         return True
     cross = gram[own, k]
-    return float(1.0 - cross @ inverted(gram[np.ix_(own, own)]) @ cross / gram[k, k]) > SAME_DIRECTION**2
+    return float(1.0 - cross @ inverted(gram[np.ix_(own, own)]) @ cross / gram[k, k]) > _OWN**2

@@ -20,7 +20,7 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.diagnosis.arms.fit import Solution, forward, solve, standard_errors
 from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, TERMS, Key, Part
-from simgap.diagnosis.thresholds import BIC_GAIN, MOST
+from simgap.diagnosis.thresholds import BIC_GAIN, MOST, SURE
 
 GAIN = "input_gain"
 SAID = (
@@ -100,7 +100,7 @@ def gains(
             return None
         doubtful = {j: abs(found.g[j] - 1.0) / max(found.errors[j], 1e-300) for j in open_}
         least = min(doubtful, key=lambda j: doubtful[j])
-        if doubtful[least] > 1.96:
+        if doubtful[least] > SURE:
             return found
         open_.remove(least)
     return None

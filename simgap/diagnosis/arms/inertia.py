@@ -20,13 +20,8 @@ import numpy as np
 from simgap.arrays import Floats, Ints
 from simgap.model.tree import UNITS, Tree, regressor, symmetric
 
-INDEPENDENT = 1e-8
-"""Columns of the regressor at random motions with a smaller share of their own are combinations of others."""
-
-TOWARDS_DECLARED = 1e-3
-"""Weight, in squared standard errors, with which inertial parameters stay near the declared ones where the motion does
-not show them."""
-
+_OWN = 1e-8  # columns of the regressor at random motions with a smaller share of their own are combinations of others
+_DECLARED = 1e-3  # weight, in squared standard errors, of the declared numbers where the motion shows none
 _DRAWS = 200
 
 
@@ -67,13 +62,13 @@ def independent(columns: Floats) -> Ints:
     basis, found = np.zeros((len(columns), 0)), []
     for k in range(columns.shape[1]):
         size = np.linalg.norm(columns[:, k])
-        if size < INDEPENDENT * max(1.0, float(np.abs(columns).max())):
+        if size < _OWN * max(1.0, float(np.abs(columns).max())):
             continue
         rest = columns[:, k] / size
         for _ in range(2):  # twice is enough (Giraud, Langou, Rozloznik (2005))
             rest = rest - basis @ (basis.T @ rest)
         own = np.linalg.norm(rest)
-        if own > np.sqrt(INDEPENDENT):
+        if own > np.sqrt(_OWN):
             basis = np.column_stack([basis, rest / own])
             found.append(k)
     return np.array(found, dtype=np.int64)
@@ -125,7 +120,7 @@ def consistent(tree: Tree, base: BaseParameters, found: Floats, information: Flo
     misfit = root @ (base.combine @ cp.reshape(p, (10 * n,), order="C") - found)
     away = cp.multiply(p - declared, 1.0 / scale)
     limits = [_pseudo(p, k) >> _LEAST * np.eye(4) for k in range(n)]
-    problem = cp.Problem(cp.Minimize(cp.sum_squares(misfit) + TOWARDS_DECLARED * cp.sum_squares(away)), limits)
+    problem = cp.Problem(cp.Minimize(cp.sum_squares(misfit) + _DECLARED * cp.sum_squares(away)), limits)
     try:
         problem.solve(solver=cp.CLARABEL)
     except cp.SolverError:

@@ -13,19 +13,11 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.diagnosis.record.record import Record, Trace
+from simgap.diagnosis.thresholds import AT_REST, BAND, SELDOM
 from simgap.errors import UserError
 
-ENERGY, BAND = 0.999, 5.0
-"""The low pass cuts at five times the frequency below which this share of the velocities' energy lies. Judgement."""
-
-MOST_OF_THE_RATE = 0.2
-"""The cut is at most this share of the sampling rate, so that central differences are derivatives."""
-
-REST_SHARE = 0.02
-"""A joint below this share of its largest speed counts as at rest. Judgement."""
-
-STILL = 1e-2
-"""A trace whose joints never exceed this speed, rad/s or m/s, is at rest: what moves is noise. Judgement."""
+_OF_THE_RATE = 0.2  # the cut is at most this share of the sampling rate, so that central differences are derivatives
+_STILL = 1e-2  # a trace whose joints never exceed this speed, rad/s or m/s, is at rest: what moves is noise
 
 
 @dataclass(frozen=True)
@@ -116,10 +108,10 @@ def motions(record: Record, where: Columns) -> tuple[Motion, ...]:
     band = max(_band(v, rate) for _, _, v, _ in raw)
     if not band > 0.0:
         raise UserError(
-            f"no joint moves in any recording (faster than {STILL:g} rad/s or m/s)", key="measured.files",
+            f"no joint moves in any recording (faster than {_STILL:g} rad/s or m/s)", key="measured.files",
             remedy="Name recordings in which the arm moves: at rest dry friction holds anything.",
         )  # fmt: skip
-    cut = min(BAND * band, MOST_OF_THE_RATE * rate)
+    cut = min(BAND * band, _OF_THE_RATE * rate)
     low_pass = Filter(cut, rate)
     return tuple(_smooth(trace.name, raw_trace, low_pass) for trace, raw_trace in zip(record.traces, raw, strict=True))
 
@@ -127,7 +119,7 @@ def motions(record: Record, where: Columns) -> tuple[Motion, ...]:
 def rest_speeds(every: Sequence[Motion]) -> Floats:
     """(n,) speed below which a joint counts as at rest: dry friction is then any force up to its size."""
     fastest = np.max([np.abs(m.v).max(axis=0) for m in every], axis=0)
-    return np.maximum(REST_SHARE * fastest, 1e-9)
+    return np.maximum(AT_REST * fastest, 1e-9)
 
 
 def _even(trace: Trace, where: Columns, rate: float) -> tuple[Floats, Floats, Floats, Floats]:
@@ -143,13 +135,13 @@ def _even(trace: Trace, where: Columns, rate: float) -> tuple[Floats, Floats, Fl
 
 
 def _band(v: Floats, rate: float) -> float:
-    """Frequency, Hz, below which `ENERGY` of the velocities' energy lies."""
+    """Frequency, Hz, below which all but `SELDOM` of the velocities' energy lies."""
     taper = np.hanning(len(v))[:, None]  # the ends of a trace are no jumps
     power = np.square(np.abs(np.fft.rfft(taper * (v - v.mean(axis=0)), axis=0))).sum(axis=1)
-    if not power.sum() > 0.0 or np.abs(v).max() < STILL:  # at rest: what moves is noise
+    if not power.sum() > 0.0 or np.abs(v).max() < _STILL:  # at rest: what moves is noise
         return 0.0
     share = np.cumsum(power) / power.sum()
-    return float(np.fft.rfftfreq(len(v), 1.0 / rate)[np.searchsorted(share, ENERGY)])
+    return float(np.fft.rfftfreq(len(v), 1.0 / rate)[np.searchsorted(share, 1.0 - SELDOM)])
 
 
 def _smooth(name: str, raw: tuple[Floats, Floats, Floats, Floats], low_pass: Filter) -> Motion:

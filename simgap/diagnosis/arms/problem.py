@@ -14,8 +14,8 @@ import numpy as np
 from simgap.arrays import Floats, Ints
 from simgap.diagnosis.arms.inertia import BaseParameters, independent
 from simgap.diagnosis.arms.motion import Motion
-from simgap.diagnosis.record.folds import Windows, split_folds
-from simgap.diagnosis.thresholds import MATTERS, SEVERAL_TRACES
+from simgap.diagnosis.record.folds import SEVERAL_TRACES, Windows, split_folds
+from simgap.diagnosis.thresholds import MATTERS
 from simgap.errors import UserError
 from simgap.model.tree import PARAMETERS, Tree, regressor
 

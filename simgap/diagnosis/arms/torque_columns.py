@@ -15,14 +15,9 @@ from simgap.diagnosis.arms.fit import correlation_rows, solve, standard_errors
 from simgap.diagnosis.arms.problem import TERMS, Part
 from simgap.diagnosis.record.faults.columns import ConstantColumn, SwappedColumns, WrongSign
 from simgap.diagnosis.result import RecordingFault
-from simgap.diagnosis.thresholds import MATTERS, MOST
+from simgap.diagnosis.thresholds import MATTERS, MOST, PLAUSIBLE_RATIO, SURE
 
-CONSTANT = 1e-6
-"""A torque that varies less than this share of the declared model's is no reading. Judgement."""
-
-OTHER_SCALE = 3.0
-"""A column is another joint's if that joint's torque leaves less than a tenth of the square that its own leaves, at a
-slope between 1/3 and 3; and a multiple of its own if that leaves less than a tenth of what its own leaves."""
+_CONSTANT = 1e-6  # a torque that varies less than this share of the declared model's is no reading
 
 _TAKEN_OUT = "Nothing is fitted to that."
 
@@ -67,7 +62,7 @@ def faulty_columns(
     declared = part.torque - part.y
     for j in range(n):
         size = float(np.std(part.torque[:, j]))
-        if size <= CONSTANT * float(np.std(declared[:, j])):
+        if size <= _CONSTANT * float(np.std(declared[:, j])):
             sentence = f"The column of {inputs[j]} does not change while the arm moves. {_TAKEN_OUT}"
             faults.append(ConstantColumn().told(inputs[j], float(np.mean(part.torque[:, j])), sentence))
             out.add(j)
@@ -81,8 +76,8 @@ def faulty_columns(
         if better > j or not both:
             faults.append(_swapped(inputs[j], inputs[better], both))
     for j in sorted(set(own) - out):
-        pushes = any(value > 1.96 * error for value, error in own[j].friction)
-        if own[j].tells and own[j].slope + 1.96 * own[j].error < 0.0 and not pushes:
+        pushes = any(value > SURE * error for value, error in own[j].friction)
+        if own[j].tells and own[j].slope + SURE * own[j].error < 0.0 and not pushes:
             sentence = f"The column of {inputs[j]} has the other sign. {_TAKEN_OUT}"
             faults.append(WrongSign().told(inputs[j], own[j].slope, sentence))
             out.add(j)
@@ -103,7 +98,7 @@ def _other(part: Part, first: int, j: int, own: _Line, others: Sequence[int]) ->
     fits = {
         k: line.left
         for k, line in lines.items()
-        if line.tells and 1.0 / OTHER_SCALE < line.slope < OTHER_SCALE and line.left**2 < MATTERS * own.left**2
+        if line.tells and 1.0 / PLAUSIBLE_RATIO < line.slope < PLAUSIBLE_RATIO and line.left**2 < MATTERS * own.left**2
     }
     return min(fits, key=lambda k: fits[k]) if fits else None
 

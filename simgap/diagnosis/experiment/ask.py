@@ -12,7 +12,7 @@ import numpy as np
 
 from simgap.arrays import Bools, Floats
 from simgap.diagnosis.experiment.beside import Beside, beside
-from simgap.diagnosis.experiment.propose import SURE, Proposal, propose
+from simgap.diagnosis.experiment.propose import ENOUGH, Proposal, propose
 from simgap.diagnosis.experiment.rivals import Bench, Explained, Known, known_rivals, library_names, translated
 from simgap.diagnosis.record.conditions import conditioned
 from simgap.diagnosis.record.folds import Windows, cut_in_folds, needed_ahead
@@ -20,6 +20,7 @@ from simgap.diagnosis.record.noise import worth
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.simulation.supermodel import cached_supermodel
+from simgap.diagnosis.thresholds import AS_MUCH, CONFIDENCE, MATTERS
 from simgap.effects import AppliedEffect
 from simgap.errors import UserError
 from simgap.geometry import Box
@@ -145,15 +146,8 @@ def set_words(name: str, value: float, unit: str) -> str:
     )
 
 
-WANTED = 0.9
-"""An input that makes one less sure than this is no answer by itself: what else would help is looked for. Judgement."""
-ENOUGH = 0.95
-"""The shortest recording that makes one so sure is proposed, above `WANTED` to leave room. Judgement."""
-AS_MUCH = 0.75
-"""Of what the longest recording would show of effects beside the answer, the share that a shorter one must show. Of 19
-confusions in which the hidden set was not among what was left open 10 were settled at 0, 13 at 0.6, 14 at 0.7, 16 at
-0.75 to 0.85 and 17 at 0.9 and with 4 s always; the recordings took 0.8, 1.1, 1.9, 2.1 to 3.4 and 3.8 s
-(benchmarks/next_experiment.py, seeds 7000 on)."""
+WANTED = 1.0 - MATTERS
+"""An input that makes one less sure than this is no answer by itself: what else would help is looked for."""
 UNREAD = 1e-3
 """A sensor that is not there yet is taken to have this share of the range of its state as noise. Judgement."""
 
@@ -224,7 +218,7 @@ def ask(question: Question, rng: np.random.Generator, tell: Callable[[str], None
     benches = [question.bench(known, row) for row in question.conditions]
     proposal = propose(benches, known.rivals, rng, tell, beside=hidden)
     bench, longest = benches[proposal.bench], None
-    if question.brief and hidden is not None and proposal.best is not None and proposal.sure >= ENOUGH:
+    if question.brief and hidden is not None and proposal.best is not None and proposal.sure >= CONFIDENCE:
         tell("looking for the shortest recording that is enough")
         less = _shorter(question, known, proposal, hidden, rng, tell)
         if less is not None:
@@ -235,7 +229,7 @@ def ask(question: Question, rng: np.random.Generator, tell: Callable[[str], None
         tell("no input is enough: looking for a weight or a sensor that is")
         asked = {k for pair in proposal.alike() for k in pair} or set(range(len(known.rivals)))
         left = replace(question, t=bench.t, sets=tuple(s for k, s in enumerate(question.sets) if k in asked))
-        remedy = best_remedy(_options(left, proposal.best.u, rng), SURE)
+        remedy = best_remedy(_options(left, proposal.best.u, rng), ENOUGH)
     return Advice(known, proposal, bench, remedy, longest)
 
 
@@ -253,7 +247,7 @@ def _shorter(
             return None
         benches = [question.bench(known, row, count) for row in question.conditions]
         found = propose(benches, known.rivals, rng, tell, beside=hidden, counted=whole.counted)
-        enough = found.best is not None and found.sure >= ENOUGH and found.shown >= AS_MUCH * whole.shown
+        enough = found.best is not None and found.sure >= CONFIDENCE and found.shown >= AS_MUCH * whole.shown
         return (found, benches[found.bench]) if enough else None
 
     return shortest(len(question.t), halves(len(question.t)), at)

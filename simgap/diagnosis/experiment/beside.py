@@ -24,7 +24,7 @@ from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.search.scoring import column, list_starts, small_amplitude
 from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.initial import initial_states
-from simgap.diagnosis.simulation.sensitivity import Direction, linearise, slot_direction
+from simgap.diagnosis.simulation.sensitivity import Direction, linearise, scaled, slot_direction
 from simgap.diagnosis.simulation.supermodel import SuperModel
 from simgap.distributions import norm
 from simgap.model.symbolic import SymbolicModel
@@ -62,8 +62,7 @@ class Beside:
         """(e, e + 1) D of each effect at one standard error, with another one in its place or (last) with none."""
         problem, x0 = replace(bench, model=self.model).recorded(states, readings, u)
         gram = self.gram + linearise(problem, self.theta, x0, self.directions).gram
-        scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-        gram = gram / np.outer(scale, scale)
+        gram, scale = scaled(gram)
         count = len(self.columns)
         out = np.full((count, count + 1), np.inf)
         own = list(range(self.own))
@@ -122,8 +121,7 @@ def beside(
 def _one_error(gram: Floats, own: int, columns: tuple[int, ...]) -> Floats:
     """The direction of an effect's coefficients that is known least, as long as its standard error."""
     c, a = list(columns), list(range(own))
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    g = gram / np.outer(scale, scale)
+    g, scale = scaled(gram)
     inverse = np.linalg.pinv(g[np.ix_(a, a)], rcond=1e-10, hermitian=True)
     left = g[np.ix_(c, c)] - g[np.ix_(c, a)] @ inverse @ g[np.ix_(a, c)]
     values, vectors = np.linalg.eigh(left)

@@ -11,6 +11,7 @@ from simgap.arrays import Bools, Floats
 from simgap.diagnosis.experiment.beside import Beside
 from simgap.diagnosis.experiment.rivals import Bench, Rival, margins
 from simgap.diagnosis.search.fit import fit
+from simgap.diagnosis.thresholds import SELDOM
 from simgap.distributions import norm
 from simgap.excitation import multisine
 
@@ -20,8 +21,8 @@ HALVINGS = 3
 """How often a wave that takes the plant out of its range is made smaller."""
 BEST, ROUNDS = 4, 40
 """From how many tries the improvement sets out, and how many changes it tries."""
-SURE = 0.999
-"""Once the predicted probability of telling the rivals apart is above it, nothing more is improved. Judgement."""
+ENOUGH = 1.0 - SELDOM
+"""Once the predicted probability of telling the rivals apart is above it, nothing more is improved."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +124,7 @@ def propose(
     found.sort(key=lambda pair: -pair[1].score)
     best = found[:BEST]
     for k in range(0 if few else ROUNDS):
-        if best[0][1].score >= SURE * (1.0 + (beside is not None)):
+        if best[0][1].score >= ENOUGH * (1.0 + (beside is not None)):
             break
         where, parent = best[k % len(best)]
         attempt = tried(benches[where], rivals, _changed(parent, best[0][1], benches[where].t, rng), beside)

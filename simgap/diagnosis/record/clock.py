@@ -9,7 +9,7 @@ import numpy as np
 
 from simgap.arrays import Bools, Floats, Ints
 from simgap.diagnosis.record.channels import RawTable, unwrap
-from simgap.diagnosis.thresholds import MIN_SAMPLES
+from simgap.diagnosis.record.record import MIN_SAMPLES
 from simgap.errors import UserError, placed
 from simgap.units import conversion
 

@@ -15,9 +15,13 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from simgap.arrays import Bools, Floats, Ints
-from simgap.diagnosis.record.record import Record, runs
-from simgap.diagnosis.thresholds import LOOK_BACK_SAMPLES, MIN_SAMPLES, SEVERAL_TRACES
+from simgap.diagnosis.record.record import MIN_SAMPLES, Record, runs
 from simgap.errors import UserError
+
+LOOK_BACK_SAMPLES = 10
+"""Samples at least from which the state at the beginning of a prediction is estimated."""
+SEVERAL_TRACES = 3
+"""From so many traces on, folds are whole traces, one each at least; fewer are cut into blocks of windows."""
 
 
 @dataclass(frozen=True, eq=False)

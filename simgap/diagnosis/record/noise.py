@@ -18,7 +18,7 @@ import numpy as np
 
 from simgap.arrays import Floats, Ints
 from simgap.diagnosis.record.record import Record
-from simgap.diagnosis.thresholds import CUT_OFF, WHOLE_WITHIN
+from simgap.diagnosis.thresholds import CUT_OFF, WITHIN
 from simgap.late import njit
 
 ORDER = 6
@@ -100,8 +100,8 @@ def resolution(record: Record) -> Floats:
                 count = float(few @ times / (times @ times))
             ratio = steps / count
             off = np.abs(ratio - np.round(ratio))
-            whole = float(np.mean(off < WHOLE_WITHIN * np.maximum(1.0, ratio * 1e-3) + cut))
-            out[k] = count if whole > 1.0 - WHOLE_WITHIN and cut < CUT_OFF else 0.0
+            whole = float(np.mean(off < WITHIN * np.maximum(1.0, ratio * 1e-3) + cut))
+            out[k] = count if whole > 1.0 - WITHIN and cut < CUT_OFF else 0.0
     return out
 
 

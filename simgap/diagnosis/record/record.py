@@ -9,6 +9,9 @@ import numpy as np
 from simgap.arrays import Bools, Floats
 from simgap.errors import UserError
 
+MIN_SAMPLES = 8
+"""Fewer samples make no piece of a trace and no window: the noise estimate alone takes seven."""
+
 
 @dataclass(frozen=True, eq=False)
 class Trace:

@@ -13,21 +13,10 @@ from simgap.diagnosis.record.faults.columns import VelocityLag, velocity_lag
 from simgap.diagnosis.record.faults.registry import READINGS, mended
 from simgap.diagnosis.record.noise import resolution, worth
 from simgap.diagnosis.record.record import Record, Trace, runs
-from simgap.diagnosis.thresholds import (
-    A_FEW,
-    DERIVATIVE_SCALE,
-    LAG_WORTH_SAYING_S,
-    MOST,
-    REST_SHARE,
-    SMALL_SWING_RAD,
-    STILL_NOISE,
-    STILL_STEPS,
-)
+from simgap.diagnosis.thresholds import A_FEW, BRIEF_S, COLLINEAR, COUNTS, FAR, MATTERS, MOST, SEVERAL
 from simgap.late import sympy as sp
 from simgap.model.symbolic import Coordinate, SymbolicModel, symbol
 from simgap.units import full_turn
-
-BLOCK_S, STILL_S = 0.25, 0.75
 
 
 @dataclass(frozen=True)
@@ -46,8 +35,8 @@ class Stretch:
 
 
 def still_stretches(record: Record, sigma: Floats, quantum: Floats) -> tuple[Stretch, ...]:
-    """Stretches of at least 0.75 s with every channel within its noise (k,) or two steps of its resolution (k,)."""
-    limit = np.maximum(STILL_NOISE * sigma, STILL_STEPS * quantum)
+    """Three blocks or more in which every channel stays within its noise, or `COUNTS` of its resolution, (k,) each."""
+    limit = np.maximum(2.0 * FAR * sigma, COUNTS * quantum)
     found: list[Stretch] = []
     for trace in record.traces:
         edges = _block_edges(trace)
@@ -55,13 +44,13 @@ def still_stretches(record: Record, sigma: Floats, quantum: Floats) -> tuple[Str
         for a, b in runs(still):
             together = np.ptp(trace.y[edges[a] : edges[b]], axis=0) <= 2 * limit
             stretch = Stretch(trace.name, float(trace.t[edges[a]]), float(trace.t[edges[b] - 1]))
-            if together.all() and stretch.seconds >= STILL_S - BLOCK_S:
+            if together.all() and stretch.seconds >= (SEVERAL - 1) * BRIEF_S:
                 found.append(stretch)
     return tuple(found)
 
 
 def frozen_stretches(record: Record, still: tuple[Stretch, ...]) -> tuple[Stretch, ...]:
-    """Stretches of at least 0.25 s in which one channel repeats the very same number while the trace moves."""
+    """Stretches of at least `BRIEF_S` in which one channel repeats the very same number while the trace moves."""
     found: list[Stretch] = []
     for trace in record.traces:
         span = np.ptp(trace.y, axis=0)
@@ -69,7 +58,7 @@ def frozen_stretches(record: Record, still: tuple[Stretch, ...]) -> tuple[Stretc
         for k, name in enumerate(record.measured):
             for a, b in runs(np.diff(trace.y[:, k]) == 0.0):
                 s = Stretch(trace.name, float(trace.t[a]), float(trace.t[b]), name)
-                if s.seconds < BLOCK_S or any(o.start <= s.stop and s.start <= o.stop for o in rests):
+                if s.seconds < BRIEF_S or any(o.start <= s.stop and s.start <= o.stop for o in rests):
                     continue
                 moved = np.delete(np.ptp(trace.y[a : b + 1], axis=0) > MOST * span, k)
                 if moved.any():
@@ -91,11 +80,11 @@ def at_limit(u: Floats) -> float:
 
 
 def _in_runs(flags: Bools) -> float:
-    return sum(b - a for a, b in runs(flags) if b - a >= 3) / flags.size
+    return sum(b - a for a, b in runs(flags) if b - a >= SEVERAL) / flags.size
 
 
 def _block_edges(trace: Trace) -> list[int]:
-    edges = np.searchsorted(trace.t, np.arange(trace.t[0], trace.t[-1], BLOCK_S))
+    edges = np.searchsorted(trace.t, np.arange(trace.t[0], trace.t[-1], BRIEF_S))
     return np.unique(np.append(edges, len(trace.t))).tolist()
 
 
@@ -207,14 +196,17 @@ def _excitation(record: Record, model: SymbolicModel) -> Iterator[str]:
 
 def _motion(record: Record, model: SymbolicModel, c: Coordinate) -> Iterator[str]:
     k = record.measured.index(c.position)
-    swing = max(float(np.ptp(trace.y[:, k])) for trace in record.traces) / 2
     unit = next(v.unit for v in model.states if v.name == c.position)
     turn = full_turn(unit)
-    if turn is not None and swing * 2 * np.pi / turn < SMALL_SWING_RAD and _has_sine(model, c.position):
-        yield (
-            f"{c.position} swings by no more than {swing:.2g} {unit} to a side: a spring, gravity and the mass look "
-            f"alike; swing beyond {SMALL_SWING_RAD:g} rad"
-        )
+    if turn is not None and _has_sine(model, c.position):
+        angle = np.concatenate([trace.y[:, k] for trace in record.traces]) * (2 * np.pi / turn)
+        a, b = (x - x.mean() for x in (angle, np.sin(angle)))
+        if (a @ b) ** 2 >= COLLINEAR**2 * (a @ a) * (b @ b):
+            swing = max(float(np.ptp(trace.y[:, k])) for trace in record.traces) / 2
+            yield (
+                f"{c.position} swings by no more than {swing:.2g} {unit} to a side: a spring, gravity and the mass "
+                f"look alike; swing further"
+            )
     forward = np.concatenate([np.diff(_thinned(trace.y[:, k])) for trace in record.traces])
     total = float(np.sum(np.abs(forward)))
     if total > 0.0:
@@ -253,12 +245,12 @@ def _lag_words(lags: tuple[VelocityLag, ...], traces: tuple[TraceLook, ...]) -> 
                 f"{lag.velocity} is not the derivative of {lag.position} ({100 * lag.mismatch:.0f} % of it differs): "
                 f"check the columns"
             )
-        elif not DERIVATIVE_SCALE[0] < lag.scale < DERIVATIVE_SCALE[1]:
+        elif not MOST < lag.scale < 1.0 / MOST:
             yield (
                 f"{lag.velocity} is {lag.scale:.4g} times the derivative of {lag.position}: "
                 f"check the units and scale of both columns"
             )
-        elif abs(lag.lag_s) > max(LAG_WORTH_SAYING_S, 0.5 * dt):
+        elif abs(lag.lag_s) > MOST * dt:
             side = "trails" if lag.lag_s > 0 else "leads"
             yield (
                 f"{lag.velocity} {side} the derivative of {lag.position} by {1e3 * abs(lag.lag_s):.1f} ms: "
@@ -268,7 +260,7 @@ def _lag_words(lags: tuple[VelocityLag, ...], traces: tuple[TraceLook, ...]) -> 
 
 def _still_words(still: tuple[Stretch, ...], frozen: tuple[Stretch, ...], total: float) -> Iterator[str]:
     rest = sum(s.seconds for s in still)
-    if rest > REST_SHARE * total:
+    if rest > MATTERS * total:
         yield (
             f"nothing moves for {rest:.3g} s of {total:.3g} s (longest: {_longest(still)}): "
             f"that time says little; drop it with measured.masks"

@@ -28,7 +28,6 @@ from simgap.diagnosis.thresholds import MOST, OUT_OF_SIGHT, PLAUSIBLE_RATIO
 from simgap.notation import joined
 
 _WINDOWS = 8
-_LIKE = 0.7  # a later possibility must miss by less than this share of the best before it
 _OWN_GAIN = np.sqrt(2.0 * np.pi)  # half the way, as a ratio, to the nearest other unit: turns for radians
 _DESCENTS = 10  # linearisations of a fit that need not settle
 _FIRST_DESCENTS, _HOPELESS = 3, 20.0  # after so many, what misses by so many times what may be missed is given up
@@ -113,13 +112,13 @@ def _best_beside_effects(part: Problem, options: Sequence[Columns]) -> Columns |
 
 def _best(part: Problem, tried: Sequence[tuple[Columns, float]], bar: float) -> Columns | None:
     """The best of what was tried, with what does as well in its words; None unless it is better by far than the bar."""
-    best, least = None, bar / OUT_OF_SIGHT / _LIKE
+    best, least = None, bar / OUT_OF_SIGHT / MOST
     for option, left in tried:
-        if left < _LIKE * least and left < MOST * _missed_without_plant(part, option):
+        if left < MOST * min(least, _missed_without_plant(part, option)):
             best, least = option, left  # a linear plant: input or reading, one and the same: the first
     if best is None or np.any(best.u < 0.0):
         return None
-    return best.beside([option for option, left in tried if option is not best and left < least / _LIKE])
+    return best.beside([option for option, left in tried if option is not best and left < least / MOST])
 
 
 def _missed_without_plant(part: Problem, option: Columns) -> float:

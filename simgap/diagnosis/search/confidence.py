@@ -14,14 +14,14 @@ from simgap.diagnosis.simulation.gross_errors import are_gross
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import linearise, slot_direction
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import A_FEW, FIT_QUALITY, NO_MORE_THAN_NOISE
+from simgap.diagnosis.thresholds import A_FEW, CONFIDENCE, FIT_QUALITY, SELDOM
 from simgap.distributions import chi2 as chi_squared
 from simgap.distributions import student
 
 
 def at_noise(chi2: float, free: float) -> bool:
     """Whether a sum of squares with so many degrees of freedom is no more than noise; few numbers tell little."""
-    return chi2 <= max(FIT_QUALITY * free, float(chi_squared.ppf(NO_MORE_THAN_NOISE, free)))
+    return chi2 <= max(FIT_QUALITY * free, float(chi_squared.isf(SELDOM, free)))
 
 
 def misfit(problem: Problem, at: Fit) -> tuple[float, float]:
@@ -113,5 +113,5 @@ def degrees_of_freedom(problem: Problem, at: Fit, at_floor: bool) -> int:
 
 def interval(value: float, error: float, dof: int) -> tuple[float, float]:
     """95 % interval by Student's t with that many degrees of freedom."""
-    half = float(student.ppf(0.975, max(dof, 1))) * error
+    half = float(student.ppf(0.5 + 0.5 * CONFIDENCE, max(dof, 1))) * error
     return value - half, value + half

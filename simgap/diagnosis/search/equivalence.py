@@ -11,19 +11,13 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.diagnosis.record.faults.measurement import ReadingFault
 from simgap.diagnosis.search.explanations import Explanation, Key, Search
-from simgap.diagnosis.search.scoring import column, small_amplitude
-from simgap.diagnosis.simulation.sensitivity import linearise, slot_direction, with_values
+from simgap.diagnosis.search.fit import EQUIVALENT_CHI2
+from simgap.diagnosis.simulation.sensitivity import scaled, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import (
-    AS_GOOD,
-    BIC_GAIN,
-    COLLINEAR,
-    EQUIVALENT_CHI2,
-    EXACTLY_COLLINEAR,
-    LISTED,
-    MOST,
-    WIDTH,
-)
+from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, COLLINEAR, MOST, WIDTH
+
+EXACTLY_COLLINEAR = 1.0 - 1e-6
+"""Projected sensitivities with a larger correlation are the same direction, up to rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +29,7 @@ class Rival:
 
 
 def rivals(search: Search, chosen: Explanation) -> list[Rival]:
-    """All sets within `LISTED` of the chosen one, best first, each once.
+    """All sets within `BIC_GAIN` of the chosen one, best first, each once.
 
     Each effect is replaced by others in turn, then whole sets by others whose sensitivities span the same space. A set
     that only adds effects to another one on the list is left out.
@@ -90,7 +84,7 @@ def once(listed: Iterable[Rival]) -> list[Rival]:
 def _listed(search: Search, chosen: Explanation, spanned: set[Key]) -> list[Rival]:
     close = [
         e for e in search.tried.values()
-        if e.physical and e.members and e.keys != chosen.keys and e.bic < chosen.bic + LISTED
+        if e.physical and e.members and e.keys != chosen.keys and e.bic < chosen.bic + BIC_GAIN
     ]  # fmt: skip
     close.sort(key=lambda e: (e.count, e.bic))
     kept: list[Explanation] = [chosen]
@@ -109,32 +103,20 @@ def _spanned(search: Search, chosen: Explanation) -> tuple[list[Candidate], Floa
 
     With the normalised Gram matrix of the free slots of the chosen effects, then of these candidates.
     """
-    problem, at = search.problem, chosen.fit
-    own = [slot_direction(problem, at.theta, k, search.steps[k]) for k in at.slots]
-    asked, directions = [], list(own)
-    for index, (c, start) in enumerate(search.starts.items):
-        if c.key in chosen.keys or start.size != 1 or start.amplitude is not None:
-            continue
-        asked.append(c)
-        directions.append(column(at.theta, c, start, 0, small_amplitude(problem, at, c, start, index, search.starts)))
-    if not own or not asked:
-        return [], np.zeros((0, 0))
-    linear = linearise(problem, at.theta, at.x0, directions)
-    gram, visible, p = _normalised(linear.gram), linear.visible, len(own)
-    inside = [j for j in range(p, len(directions)) if visible[j] and _in_span(gram, list(range(p)), j)]
-    kept = [*range(p), *inside]
-    return [asked[j - p] for j in inside], np.asarray(gram[np.ix_(kept, kept)])
+    seen = search.screen(chosen)
+    gram, own = scaled(seen.gram)[0], list(range(seen.own))
+    inside = [
+        (c, j) for c, start, (j, *more) in seen.asked
+        if not more and start.amplitude is None and _in_span(gram, own, j)
+    ]  # fmt: skip
+    kept = [*own, *(j for _, j in inside)]
+    return [c for c, _ in inside], np.asarray(gram[np.ix_(kept, kept)])
 
 
 def _in_span(gram: Floats, among: list[int], j: int) -> bool:
     """Whether direction j lies in the span of others, by their Gram matrix."""
     weights = np.linalg.lstsq(gram[np.ix_(among, among)], gram[among, j], rcond=1e-9)[0]
     return float(weights @ gram[among, j]) > EXACTLY_COLLINEAR**2
-
-
-def _normalised(gram: Floats) -> Floats:
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    return np.asarray(gram / np.outer(scale, scale))
 
 
 def _other_sets(chosen: Explanation, spanned: list[Candidate], gram: Floats) -> list[tuple[Candidate, ...]]:
@@ -163,21 +145,14 @@ def _reset(search: Search, chosen: Explanation, members: tuple[Candidate, ...]) 
 
 def collinear_pairs(search: Search, base: Explanation) -> list[tuple[Key, Key, float]]:
     """Pairs of candidates whose sensitivities around the declared model correlate above `COLLINEAR`, closest first."""
-    problem, at = search.problem, base.fit
-    asked: list[Candidate] = []
-    directions = []
-    for index, (c, start) in enumerate(search.starts.items):
-        if start.size == 1 and c.key not in {a.key for a in asked}:
-            amplitude = small_amplitude(problem, at, c, start, index, search.starts)
-            asked.append(c)
-            directions.append(column(at.theta, c, start, 0, amplitude))
-    if not directions:
-        return []
-    linear = linearise(problem, at.theta, at.x0, directions)
-    seen = linear.visible
-    gram = np.abs(_normalised(linear.gram))
+    seen = search.screen(base)
+    first: dict[Key, int] = {}
+    for c, _, (j, *more) in seen.asked:
+        if not more:
+            first.setdefault(c.key, j)
+    gram = np.abs(scaled(seen.gram)[0])
     pairs = [
-        (asked[i].key, asked[j].key, min(float(gram[i, j]), 1.0))
-        for i in range(len(asked)) for j in range(i) if seen[i] and seen[j] and gram[i, j] > COLLINEAR
+        (a, b, min(float(gram[first[a], first[b]]), 1.0))
+        for b, a in itertools.combinations(first, 2) if gram[first[a], first[b]] > COLLINEAR
     ]  # fmt: skip
     return sorted(pairs, key=lambda pair: -pair[2])

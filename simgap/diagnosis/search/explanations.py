@@ -15,10 +15,13 @@ from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import choose_step, with_values
 from simgap.diagnosis.simulation.step_length import resolved
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY, OUT_OF_SIGHT, SAME, SAME_PROMISE, WIDTH
+from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY, OUT_OF_SIGHT, WIDTH
 from simgap.notation import joined
 
 Key = tuple[str, str]
+SAME, SAME_PROMISE = 0.1, 1e-5
+"""Fits whose chi^2, or BIC, differ by less are one; candidates whose promised drops differ by a smaller share are one
+direction, refitted once."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.diagnosis.search.explanations import Explanation, Search
+from simgap.diagnosis.search.explanations import SAME_PROMISE, Explanation, Search
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.search.scoring import Screen, begun_at
-from simgap.diagnosis.simulation.sensitivity import with_values
+from simgap.diagnosis.simulation.sensitivity import scaled, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import LEAPS_ANYHOW, MOST, NARROW, OUT_OF_SIGHT, SAME_PROMISE, SUBSETS_KEPT, WIDTH
+from simgap.diagnosis.thresholds import LEAPS_ANYHOW, MOST, NARROW, OUT_OF_SIGHT, WIDTH
 
+_KEPT = 40  # sets of each size that the normal equations keep
 _LEFT = 1e-8  # a column of which less is left (of its square) is in the span of the others
 _RIDGE = 1e-10
 
@@ -45,8 +46,8 @@ def best_subsets(seen: Screen, size: int) -> list[Subset]:
 
     An effect that contains another acts as that one at its null, and is left out.
     """
-    scale = np.sqrt(np.maximum(np.diag(seen.gram), 1e-300))
-    gram, gradient = seen.gram / np.outer(scale, scale), seen.gradient / scale
+    gram, scale = scaled(seen.gram)
+    gradient = seen.gradient / scale
     options = [k for k, (c, _, _) in enumerate(seen.asked) if c.effect.contains is None]
     kept = [_Partial((), 0.0)]
     for _ in range(size):
@@ -101,7 +102,7 @@ def _distinct(seen: Screen, options: list[_Partial]) -> list[_Partial]:
                 kept[-1] = p
                 sets.add(keys)
             continue
-        if len(kept) == SUBSETS_KEPT:
+        if len(kept) == _KEPT:
             break
         kept.append(p)
         sets.add(keys)

@@ -18,7 +18,7 @@ from simgap.arrays import Floats
 from simgap.diagnosis.search.whiteness import follows_input
 from simgap.diagnosis.simulation.colour import Colour, whiten
 from simgap.diagnosis.simulation.problem import Problem, interval
-from simgap.diagnosis.thresholds import BIC_GAIN, FAR
+from simgap.diagnosis.thresholds import A_FEW, BIC_GAIN, FAR
 from simgap.late import scipy
 
 Law = Callable[[Floats], Floats]
@@ -123,4 +123,4 @@ def _stationary(problem: Problem, white: Floats) -> bool:
     sums = np.add.reduceat(np.sum(white**2, axis=1), problem.rows[:-1]) / problem.counts
     spread = np.sqrt(2.0 / problem.counts)
     far = np.abs(sums / np.median(sums) - 1.0) > FAR * spread
-    return bool(np.mean(far) < 0.05)
+    return bool(np.mean(far) < A_FEW)

@@ -10,7 +10,7 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.simulation.sensitivity import Direction, linearise, slot_direction, with_values
+from simgap.diagnosis.simulation.sensitivity import Direction, linearise, promised, slot_direction, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.effects.base import driven_by, drives
 from simgap.effects.start import Scales, Start
@@ -213,12 +213,5 @@ def _kinked(problem: Problem, c: Candidate, start: Start) -> bool:
 def _promise(gram: Floats, gradient: Floats, own: int, columns: list[int]) -> tuple[float, Floats]:
     """Drop of chi^2 when these columns join the free parameters, and their coefficients."""
     free = [*range(own), *columns]
-    g, b = gram[np.ix_(free, free)], gradient[free]
-    scale = np.sqrt(np.maximum(np.diag(g), 1e-300))
-    whole = np.linalg.lstsq(g / np.outer(scale, scale), b / scale, rcond=1e-10)[0]
-    drop = float(whole @ (b / scale))
-    if own:
-        s = scale[:own]
-        part = np.linalg.lstsq(g[:own, :own] / np.outer(s, s), b[:own] / s, rcond=1e-10)[0]
-        drop -= float(part @ (b[:own] / s))
-    return drop, (whole / scale)[own:]
+    drop, whole = promised(gram[np.ix_(free, free)], gradient[free])
+    return drop - promised(gram[:own, :own], gradient[:own])[0], whole[own:]

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from simgap.diagnosis.search.explanations import Explanation, Search
+from simgap.diagnosis.search.explanations import SAME, Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.leaps import leap, merge
-from simgap.diagnosis.thresholds import BIC_GAIN, FAR, FIT_QUALITY, MOST, NARROW, SAME, WIDTH
+from simgap.diagnosis.thresholds import BIC_GAIN, FAR, FIT_QUALITY, MOST, NARROW, WIDTH
 
 
 def choose(options: Iterable[Explanation]) -> Explanation | None:

@@ -14,9 +14,10 @@ import numpy as np
 from simgap.arrays import Floats, Ints
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.thresholds import BY_CHANCE, LAGS_ASKED
+from simgap.diagnosis.thresholds import BY_CHANCE
 from simgap.distributions import chi2, fisher
 
+_ASKED = 20  # lags whose correlations are asked together
 _LAGS = 1 + 2 * np.arange(12)  # samples; a command of the same one may be fed back from the reading, noise and all
 
 
@@ -52,14 +53,14 @@ def memory_left(problem: Problem, found: Fit) -> bool:
     Needs no size of the noise. Source: Ljung, Box (1978), Biometrika 65(2), of the pairs within windows.
     """
     misses = problem.residuals(found.theta, found.x0)
-    at_most = float(chi2.isf(BY_CHANCE / misses.shape[1], LAGS_ASKED))
+    at_most = float(chi2.isf(BY_CHANCE / misses.shape[1], _ASKED))
     return any(_portmanteau(misses[:, k], problem.rows) > at_most for k in range(misses.shape[1]))
 
 
 def _portmanteau(miss: Floats, rows: Ints) -> float:
     """Sum over the lags of pairs times squared correlation: of independent misses chi^2, one for each lag."""
     total, size = 0.0, float(np.mean(miss**2))
-    for lag in range(1, LAGS_ASKED + 1):
+    for lag in range(1, _ASKED + 1):
         products = [miss[a : b - lag] * miss[a + lag : b] for a, b in pairwise(rows)]
         pairs = np.concatenate(products)
         total += float(np.sum(pairs)) ** 2 / max(pairs.size * size**2, 1e-300)

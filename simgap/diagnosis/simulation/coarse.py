@@ -16,10 +16,10 @@ import numpy as np
 
 from simgap.arrays import Floats, Ints
 from simgap.diagnosis.record.folds import Windows
+from simgap.diagnosis.record.record import MIN_SAMPLES
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Memo, Problem, interval
 from simgap.diagnosis.simulation.step_length import settled, some_windows
-from simgap.diagnosis.thresholds import MIN_SAMPLES
 
 SAMPLES_A_WINDOW = 200
 """Samples that a window keeps in the search."""

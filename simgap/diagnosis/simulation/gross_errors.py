@@ -12,10 +12,9 @@ from __future__ import annotations
 import numpy as np
 
 from simgap.arrays import Bools, Floats
-from simgap.diagnosis.thresholds import TAILS
+from simgap.diagnosis.thresholds import SELDOM, TAILS
 
-_GROSS = 1e-3  # density of a gross error over that of a reading without any miss
-LIMIT = float(np.sqrt(-2.0 * np.log(_GROSS)))
+LIMIT = float(np.sqrt(-2.0 * np.log(SELDOM)))
 """Beyond so many usual sizes a miss is rather a gross error."""
 
 
@@ -25,12 +24,12 @@ def limited(residual: Floats, spread: Floats) -> Floats:
     Gauss-Newton steps on them are those of iteratively reweighted least squares: (n, k), (k,) -> (n, k).
     """
     half = -0.5 * np.square(residual / spread)
-    return np.asarray(np.copysign(spread * np.sqrt(-2.0 * np.log1p(np.expm1(half) / (1.0 + _GROSS))), residual))
+    return np.asarray(np.copysign(spread * np.sqrt(-2.0 * np.log1p(np.expm1(half) / (1.0 + SELDOM))), residual))
 
 
 def are_gross(loss: Floats, spread: Floats) -> Bools:
     """Which limited residuals (n, k) stand for gross errors: their loss at the limit, both laws equally likely."""
-    return np.asarray(np.square(loss / spread) > -2.0 * np.log1p((_GROSS - 1.0) / (1.0 + _GROSS)))
+    return np.asarray(np.square(loss / spread) > -2.0 * np.log1p((SELDOM - 1.0) / (1.0 + SELDOM)))
 
 
 def usual_size(misses: Floats) -> Floats:

@@ -18,10 +18,10 @@ from simgap.diagnosis.simulation.past import measured_link, measured_speeds, mem
 from simgap.diagnosis.simulation.simulate import simulate
 from simgap.diagnosis.simulation.supermodel import SuperModel
 from simgap.diagnosis.simulation.trains import twists, twists_by_torque
-from simgap.diagnosis.thresholds import LAGS_REMEMBERED
 from simgap.late import njit
 
 Drive = tuple[Floats, Floats, Floats, Floats]
+_FADED = 5.0  # time constants of a lag after which what was commanded before has faded (e^-5 < 0.01)
 _REMEMBERED = 8
 _LARGE = 1e9
 _TURN = 0.6  # of a step, rad, where a motor swings against its link
@@ -86,9 +86,9 @@ class Problem:
         return replace(self, windows=windows)
 
     def reach(self, theta: Floats) -> float:
-        """For how long a command still acts at theta (q,), s: its delay and `LAGS_REMEMBERED` time constants."""
+        """For how long a command still acts at theta (q,), s: its delay and `_FADED` time constants."""
         _, _, delay, lag = self._drive(theta)
-        return float(np.max(delay + LAGS_REMEMBERED * lag, initial=0.0))
+        return float(np.max(delay + _FADED * lag, initial=0.0))
 
     def ahead(self, theta: Floats) -> float:
         """By how much inputs that were logged late are brought forward at theta (q,), s: so much lacks at the end."""

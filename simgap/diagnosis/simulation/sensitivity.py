@@ -15,10 +15,14 @@ import numpy as np
 
 from simgap.arrays import Bools, Floats
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.thresholds import VISIBLE_SHARE
 
 _ROWS_AT_ONCE = 60_000  # memory of a pass does not grow with the record
 _RANK = 1e-10
+_VISIBLE = 1e-14
+"""An effect is seen if more than this share of what it does to the readings (of its square) is not what other initial
+states would do. Of an offset of the position of a mass that slides freely 2e-19 was left and less (rounding; positions
+about 0 and about 1000 m), with a spring that swings it once in 15 minutes 3.5e-12 (a record of 10 s): tests/diagnosis/
+test_names.py."""
 _TARGET_RESPONSE = 0.001  # of the noise, root mean square
 _JERKED_RESPONSE = 0.2
 """The same: between kinks slopes are steep. Of 12 fits of play that hardly rebounds 9 settled and 10 intervals held the
@@ -62,7 +66,7 @@ class Linearised:
         """(p,) whether a column is more than what the initial states can stand for, beyond rounding."""
         left = np.diag(self.gram)
         whole = left + np.sum(self.state_b**2, axis=(0, 1))
-        return np.asarray(left > VISIBLE_SHARE * whole)
+        return np.asarray(left > _VISIBLE * whole)
 
     def foreseen(self, step: Floats) -> Floats:
         """chi^2 of each window after a parameter step, initial states moved along, if all were linear: (p,) -> (w,)."""
@@ -79,6 +83,27 @@ class Linearised:
         for w in np.flatnonzero(~whole):
             out[w] = np.linalg.lstsq(self.state_r[w], right[w], rcond=_RANK)[0]
         return out
+
+
+def scaled(gram: Floats) -> tuple[Floats, Floats]:
+    """Normal equations (p, p) with columns of size 1, and their sizes (p,)."""
+    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    return gram / np.outer(size, size), size
+
+
+def inverted(gram: Floats, rank: float = 1e-10) -> Floats:
+    """(p, p) inverse, columns scaled to one size; what the data do not show is left out."""
+    own, size = scaled(gram)
+    return np.asarray(np.linalg.pinv(own, rcond=rank, hermitian=True) / np.outer(size, size))
+
+
+def promised(gram: Floats, gradient: Floats) -> tuple[float, Floats]:
+    """Drop of chi^2 that normal equations (p, p), (p,) promise, and their solution (p,)."""
+    if not len(gradient):
+        return 0.0, gradient
+    own, size = scaled(gram)
+    found = np.linalg.lstsq(own, gradient / size, rcond=1e-10)[0]
+    return float(found @ (gradient / size)), np.asarray(found / size)
 
 
 def slot_direction(problem: Problem, theta: Floats, slot: int, step: float) -> Direction:

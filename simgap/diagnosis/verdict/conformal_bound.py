@@ -19,15 +19,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgap.arrays import Bools, Floats, Ints
-from simgap.diagnosis.thresholds import RUNS_DIFFER
+from simgap.diagnosis.thresholds import MATTERS, RUNS_DIFFER
 from simgap.late import scipy
 from simgap.split_conformal import attained, fewest, reach
 
 _SHARES = np.arange(0.05, 0.65, 0.05)
 """Of the fitted transitions, the shares that may be slow."""
 _OUTWARD = 1.0 + 4.0 * np.finfo(np.float64).eps  # a score is a quotient: its residual is not left outside
-_WORTH = 0.9
-"""The mean bound over X falls to this share at least, or one class is kept: two need twice the held-out data."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +114,7 @@ def slow_and_fast(fitted: Sizes, fresh: Sizes, level: float, widest: Mapping[str
                 share = min(below / top, 1.0)
                 mean = share * bound(near, near, level) + (1.0 - share) * bound(far, far, level)
                 options.append((float(np.mean(mean / everywhere)), velocity, below))
-    if not options or min(options)[0] > _WORTH:
+    if not options or min(options)[0] > 1.0 - MATTERS:  # two classes need twice the held-out data
         return None
     _, velocity, below = min(options)
     return _split(fitted, fresh, level, velocity, below)

@@ -14,10 +14,8 @@ from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.gross_errors import are_gross
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.thresholds import BRIEF_S
+from simgap.diagnosis.thresholds import BRIEF_S, SEVERAL
 from simgap.notation import joined
-
-_SEVERAL = 3  # gross errors in a row are no stray readings
 
 
 def gross_spans(known: Problem, at: Fit) -> tuple[Span, ...]:
@@ -32,7 +30,7 @@ def gross_spans(known: Problem, at: Fit) -> tuple[Span, ...]:
             found[-1][2:] = [s, found[-1][3] + 1]
         else:
             found.append([k, s, s, 1])
-    return tuple((int(k), a, b) for k, a, b, count in found if count >= _SEVERAL)
+    return tuple((int(k), a, b) for k, a, b, count in found if count >= SEVERAL)
 
 
 def push_faults(spans: Sequence[Span], known: Problem, names: Sequence[str]) -> tuple[RecordingFault, ...]:

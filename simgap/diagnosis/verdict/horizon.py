@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgap.arrays import Floats, Ints
-from simgap.diagnosis.record.folds import Windows, joined
+from simgap.diagnosis.record.folds import LOOK_BACK_SAMPLES, Windows, joined
 from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem, interval
 from simgap.diagnosis.simulation.sensitivity import state_steps
-from simgap.diagnosis.thresholds import BRIEF_S, LOOK_BACK_SAMPLES
+from simgap.diagnosis.thresholds import BRIEF_S
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.diagnosis.record.record import Record, Trace
+from simgap.diagnosis.thresholds import SURE
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
 from simgap.savitzky_golay import savgol_coeffs, savgol_filter
@@ -220,5 +221,5 @@ def _binned(x: Floats, y: Floats, thin: float) -> Binned:
         if independent >= 3.0:
             centre.append(0.5 * (edges[b] + edges[b + 1]))
             mean.append(float(np.mean(inside)))
-            half.append(1.96 * float(np.std(inside)) / np.sqrt(independent))
+            half.append(SURE * float(np.std(inside)) / np.sqrt(independent))
     return Binned(np.array(centre), np.array(mean), np.array(half))

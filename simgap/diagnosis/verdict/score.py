@@ -17,7 +17,7 @@ import numpy as np
 
 from simgap.arrays import Floats, Ints
 from simgap.diagnosis.simulation.gross_errors import usual_size
-from simgap.diagnosis.thresholds import MATTERS, TAILS
+from simgap.diagnosis.thresholds import CONFIDENCE, MATTERS, TAILS
 from simgap.distributions import student
 
 _PARTS = 10  # the data are scored by so many parts, each under the scale of the others
@@ -89,5 +89,5 @@ def gained(before: Floats, after: Floats) -> Gain:
     if len(before) < 2 or not np.all(np.isfinite(before) & np.isfinite(after)):
         return Gain(0.0, math.inf)
     each, n = after - before, len(before)
-    half = float(student.ppf(0.975, n - 1)) * float(np.std(each, ddof=1)) / math.sqrt(n)
+    half = float(student.ppf(0.5 + 0.5 * CONFIDENCE, n - 1)) * float(np.std(each, ddof=1)) / math.sqrt(n)
     return Gain(float(np.mean(each)), half)

@@ -45,19 +45,19 @@ def _answer(document: Document) -> list[str]:
         return [_unexplained(document)]
     found = joined([describe(e) for e in effects])
     verb = "explains" if len(effects) == 1 else "together explain"
-    text = f"{_begun(found)} {verb} {_explained(document)}."
+    text = f"{_begun(found)} {verb} {explained(document)}."
     doubts = [f"{_begun(_doubt(e))}." for e in effects if e.get("alternatives")]
     return [text, *doubts, _remainder(document) if verdict == "partial" else ""]
 
 
-def _explained(document: Document) -> str:
+def explained(document: Document) -> str:
     """How much: off the noise floor, of the error ahead on data that it was not fitted to, else of what is above it."""
     told = document.get("explained_error")
     if told is None:
         return f"{100 * min(max(float(document['explained_share']), 0.0), 1.0):.0f} % of the excess error"
     low, high = (f"{100 * min(max(end, 0.0), 1.0):.0f}" for end in told["ci95"])
-    ahead = f"the error {document['error']['after']['horizon_s']:g} s ahead"
-    return f"{100 * told['share']:.0f} % ({low} to {high}) of {ahead}"
+    h = document["error"]["after"]["horizon_s"]
+    return f"{100 * told['share']:.0f} % ({low} to {high}) of the error{f' {h:g} s ahead' if h else ''}"
 
 
 def _begun(text: str) -> str:

@@ -17,11 +17,8 @@ from simgap.arrays import Floats
 from simgap.diagnosis.record.faults.base import Fault, Mended, SeenFault
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import FoundEffect, RecordingFault
-from simgap.diagnosis.thresholds import DERIVATIVE_SCALE, EXCHANGED_MISMATCH, MOST
+from simgap.diagnosis.thresholds import MOST, WITHIN
 from simgap.model.symbolic import SymbolicModel
-
-UNIT_WITHIN = 0.02
-"""A gain is a ratio of units if its interval comes so near to it."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +106,7 @@ class SwappedColumns(SeenFault):
             as_called, other_way = (
                 velocity_lag(record, *names) for names in ((c.position, c.velocity), (c.velocity, c.position))
             )
-            if _derivative(other_way, EXCHANGED_MISMATCH) and not _derivative(as_called, MOST):
+            if _derivative(other_way) and not _derivative(as_called):
                 record = _exchanged(record, record.measured.index(c.position), record.measured.index(c.velocity))
                 faults.append(self.of(c.position, c.velocity))
         return record, tuple(faults)
@@ -176,7 +173,7 @@ class WrongUnit(Fault):
         for words, factor in self.ratios.items() if found.name == "input_gain" else ():
             ratio = found.parameters["ratio"]
             lo, hi = sorted((abs(ratio.ci95[0]), abs(ratio.ci95[1])))
-            if lo <= factor * (1 + UNIT_WITHIN) and hi >= factor * (1 - UNIT_WITHIN) and hi < 1.2 * lo:
+            if lo <= factor * (1 + WITHIN) and hi >= factor * (1 - WITHIN) and hi < 1.2 * lo:
                 sentence = f"{found.on} acts {ratio.value:.4g} times as strongly as its column says: {words}?"
                 remedy = "If so, give its column's unit under measured.columns.{}."
                 out.append(self.told(found.on, ratio.value, sentence, remedy))
@@ -194,9 +191,8 @@ class ConstantColumn(Fault):
     remedy = "Log the torque of {0}, or map its column with measured.columns.{0}.column."
 
 
-def _derivative(lag: VelocityLag | None, mismatch: float) -> bool:
-    lo, hi = DERIVATIVE_SCALE
-    return lag is not None and lo <= lag.scale <= hi and lag.mismatch <= mismatch
+def _derivative(lag: VelocityLag | None) -> bool:
+    return lag is not None and MOST <= lag.scale <= 1.0 / MOST and lag.mismatch <= MOST
 
 
 def _exchanged(record: Record, i: int, j: int) -> Record:

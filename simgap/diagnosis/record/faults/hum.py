@@ -17,7 +17,7 @@ from simgap.arrays import Floats
 from simgap.diagnosis.record.faults.base import Mended, SeenFault
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import RecordingFault
-from simgap.diagnosis.thresholds import HUM_ACCELERATION, HUM_LINE
+from simgap.diagnosis.thresholds import HUM_LINE, MOST
 from simgap.late import scipy
 from simgap.model.symbolic import SymbolicModel
 
@@ -71,7 +71,7 @@ def _line(record: Record, k: int) -> float | None:
         size = float(np.hypot(*_sine(trace, trace.y[:, k], f)))
         slow = hertz < 0.5 * f
         moved = math.sqrt(float(np.sum(power[slow] * (2 * np.pi * hertz[slow]) ** 4)))
-        if size * (2 * np.pi * f) ** 2 > HUM_ACCELERATION * moved and all(_stands(tr, k, f) for tr in record.traces):
+        if size * (2 * np.pi * f) ** 2 > moved / MOST and all(_stands(tr, k, f) for tr in record.traces):
             return f
     return None
 

@@ -22,19 +22,18 @@ from simgap.diagnosis.thresholds import (
     A_FEW,
     BRIEF_S,
     BY_CHANCE,
+    COUNTS,
     FAR,
     LEAST_STALE,
     MATTERS,
     MOST,
+    SEVERAL,
     SPIKE,
-    STALE_MISS,
-    STALE_STEPS,
 )
 from simgap.model.symbolic import SymbolicModel
 
 _ENOUGH = 50_000  # readings for a median
-_HELD = 3  # readings in a row at an extreme may be at a limit
-_EDGE, _ABRUPT = 2, 2.0  # samples within which an end of a range stops a motion that turns within so many half as far
+_EDGE = 2  # samples within which an end of a range stops a motion that turns within so many half as far
 _LONGEST = 4  # samples from one fresh count to the next across stale ones
 _AROUND = 7  # changes whose median is the motion's own
 _SOON = 0.25 * BRIEF_S  # a plant that moved away is not back before; one reading may last longer
@@ -115,7 +114,7 @@ class SaturatedReading(_LostReadings):
             rest = max(b - a for y in columns for a, b in runs(_repeated(y) & (y > low) & (y < high)) or [(0, 0)])
         out = [np.zeros(len(y), dtype=bool) for y in columns]
         for end in (low, high) if low < high else ():
-            held = [(y, a, b) for y in columns for a, b in runs(y == end) if b - a >= _HELD]
+            held = [(y, a, b) for y in columns for a, b in runs(y == end) if b - a >= SEVERAL]
             # where it also rests elsewhere for so long, it rests
             if any((b - a > rest and repeats ** (b - a) < BY_CHANCE) or _cut_off(y, a, b, usual) for y, a, b in held):
                 out = [mask | (y == end) for mask, y in zip(out, columns, strict=True)]
@@ -129,7 +128,7 @@ def _cut_off(y: Floats, a: int, b: int, usual: float) -> bool:
     """
     if a < _EDGE or b + _EDGE > len(y):
         return False
-    return bool(min(abs(y[a] - y[a - _EDGE]), abs(y[b - 1] - y[b - 1 + _EDGE])) > _ABRUPT * usual)
+    return bool(min(abs(y[a] - y[a - _EDGE]), abs(y[b - 1] - y[b - 1 + _EDGE])) > usual / MOST)
 
 
 def _turning(columns: Sequence[Floats]) -> float:
@@ -293,9 +292,9 @@ def _stale(trace: Trace, k: int, sigma: float, quantum: float) -> Bools:
     miss = np.abs(y[before] + (y[after] - y[before]) * (t - t[before]) / span - y)
     if quantum > 0.0:
         short = after - before <= _LONGEST  # a longer run is a rest, and the line across it begins where the rest did
-        least = max(STALE_STEPS * quantum, FAR * min(sigma, _scatter(t, y)))
+        least = max(COUNTS * quantum, FAR * min(sigma, _scatter(t, y)))
         return np.asarray(repeats & short & (miss > least) & (_catching_up(t, y, begins)[place] > least))
-    visible = np.mean(miss[repeats] > STALE_MISS * sigma)
+    visible = np.mean(miss[repeats] > sigma)
     return repeats if visible > 0.2 else np.zeros(len(y), dtype=bool)
 
 
