@@ -226,7 +226,7 @@ class MeasuredSection(Section):
         default_factory=TimeMap, description="The column of time stamps."
     )
     trace_column: str = Field(
-        default="trace", description="Column that tells the traces of one file apart, if it is there."
+        default="trace", description="Column that separates the traces of one file, if there is one."
     )
     masks: tuple[Mask, ...] = Field(default=(), description="Time ranges to keep or to drop.")
     conditions: tuple[Condition, ...] = Field(

@@ -8,11 +8,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from simgap.diagnosis.arms.answer import ArmDiagnosis, BaseParameter, FoundPayload
+from simgap.diagnosis.arms.answer import ArmDiagnosis
 from simgap.diagnosis.arms.problem import INERTIAL, TERMS
 from simgap.diagnosis.record.survey import Survey
 from simgap.diagnosis.record.traces import Reading
-from simgap.diagnosis.result import Estimate, FoundEffect
 from simgap.effects import effect
 from simgap.effects.quoted import Quoted
 from simgap.io import figure_style as style
@@ -83,7 +82,7 @@ MEANING = {
         "The effects have their physical sign, their intervals leave out 'no effect', and at least half of the excess "
         "error of torques that were never fitted is gone; the noise of the torques is not reached."
     ),
-    "unexplained": "Nothing that was tried halves the excess error of torques that were never fitted.",
+    "unexplained": "No effect that was tried halves the excess error of torques that were never fitted.",
 }
 
 
@@ -128,10 +127,10 @@ def document(
         "verdict": found.verdict,
         "sentence": "",
         "method": "inverse dynamics",
-        "effects": [_effect(e) for e in found.effects],
-        "base_parameters": [_base(b) for b in found.base],
+        "effects": [asdict(e) for e in found.effects],
+        "base_parameters": [asdict(b) for b in found.base],
         "consistent": None if found.distance is None else {"distance": found.distance},
-        "payloads": [_payload(p) for p in found.payloads],
+        "payloads": [asdict(p) for p in found.payloads],
         "recording": [asdict(f) for f in found.recording],
         "error": {
             "before": _error(found.before),
@@ -151,7 +150,9 @@ def document(
         "warnings": [*reading.warnings, *look.warnings, *found.warnings],
         "low_pass_hz": found.cut_hz,
         "independent_rows": dict(found.independent),
-        "joints": [{"joint": j, "input": u, "link": link} for j, u, link in _rows(tree, inputs)],
+        "joints": [
+            {"joint": j, "input": u, "link": link} for j, u, link in zip(tree.joints, inputs, tree.links, strict=True)
+        ],
         "survey": asdict(look),
         "units": dict(units),
         "provenance": dict(provenance),
@@ -160,35 +161,9 @@ def document(
     return content
 
 
-def _rows(tree: Tree, inputs: Sequence[str]) -> list[tuple[str, str, str]]:
-    return list(zip(tree.joints, inputs, tree.links, strict=True))
-
-
 def _error(rms: Mapping[str, float]) -> dict[str, Any]:
     return {"fit_rmse": dict(rms), "horizon_s": 0.0, "horizon_rmse": {}}
 
 
 def _fold(traces: Sequence[str]) -> dict[str, Any]:
     return {"traces": list(traces), "windows": []}
-
-
-def _estimate(p: Estimate) -> dict[str, Any]:
-    return {"value": p.value, "ci95": list(p.ci95), "unit": p.unit}
-
-
-def _effect(e: FoundEffect) -> dict[str, Any]:
-    parameters = {symbol: _estimate(p) for symbol, p in e.parameters.items()}
-    return {"name": e.name, "on": e.on, "parameters": parameters, "alternatives": []}
-
-
-def _base(b: BaseParameter) -> dict[str, Any]:
-    found = None if b.found is None else _estimate(b.found)
-    return {"name": b.name, "link": b.link, "unit": b.unit, "declared": b.declared, "found": found}
-
-
-def _payload(p: FoundPayload) -> dict[str, Any]:
-    return {
-        "link": p.link,
-        "traces": list(p.traces),
-        "parameters": {symbol: _estimate(e) for symbol, e in p.parameters.items()},
-    }

@@ -14,7 +14,6 @@ from simgap.diagnosis.result import (
     CandidateScore,
     Concentrated,
     Diagnosis,
-    Estimate,
     FoundEffect,
     Judged,
     LeftOver,
@@ -63,11 +62,7 @@ def document(
         "sentences": [],
         "effects": [_effect(e) for e in found.effects],
         "recording": [asdict(f) for f in found.recording],
-        "error": {
-            "before": _error(found.before),
-            "after": _error(found.after),
-            "noise_floor": _error(found.floor),
-        },
+        "error": {"before": _error(found.before), "after": _error(found.after), "noise_floor": _error(found.floor)},
         "held_out": _fold(found.folds.confirm, reading),
         "folds": {name: _fold(getattr(found.folds, name), reading) for name in ("fit", "choose", "confirm")},
         "number_from": {key: list(folds) for key, folds in NUMBER_FROM.items()},
@@ -105,11 +100,7 @@ def _judgement(found: Diagnosis) -> dict[str, Any]:
         "at_most": found.at_most,
         "alternatives": [_alternative(a) for a in found.alternatives],
         "indistinguishable": [
-            {
-                "candidates": [_key(c.first), _key(c.second)],
-                "correlation": c.correlation,
-                "advice": c.advice,
-            }
+            {"candidates": [_key(c.first), _key(c.second)], "correlation": c.correlation, "advice": c.advice}
             for c in found.collinear
         ],
     }
@@ -146,7 +137,7 @@ def _left_over(over: Sequence[LeftOver] | None) -> list[dict[str, Any]] | None:
 
 def _alternative(a: Alternative) -> dict[str, Any]:
     effects = [{"name": e.name, "on": e.on, "parameters": dict(e.values)} for e in a.effects]
-    return {"effects": effects, "bic_excess": a.bic_excess, "exact": a.exact}
+    return asdict(a) | {"effects": effects}
 
 
 def _remainder(remainder: Remainder, use: RemainderUse) -> dict[str, Any]:
@@ -159,16 +150,7 @@ def _key(key: Sequence[str]) -> dict[str, str]:
 
 
 def _effect(e: FoundEffect) -> dict[str, Any]:
-    return {
-        "name": e.name,
-        "on": e.on,
-        "parameters": {symbol: _estimate(p) for symbol, p in e.parameters.items()},
-        "alternatives": [[_key(k) for k in alternative] for alternative in e.alternatives],
-    }
-
-
-def _estimate(p: Estimate) -> dict[str, Any]:
-    return {"value": p.value, "ci95": list(p.ci95), "unit": p.unit}
+    return asdict(e) | {"alternatives": [[_key(k) for k in alternative] for alternative in e.alternatives]}
 
 
 def _error(j: Judged) -> dict[str, Any]:
@@ -192,13 +174,4 @@ def _covers(stretches: Stretches, reading: Reading, trace: str) -> bool:
 
 
 def _candidate(c: CandidateScore) -> dict[str, Any]:
-    return {
-        "name": c.name,
-        "on": c.on,
-        "score": c.bic_gain if c.bic_gain is not None else c.chi2_drop,
-        "chi2_drop": c.chi2_drop,
-        "bic_gain": c.bic_gain,
-        "chi2_dof": c.chi2_dof,
-        "parameters": dict(c.parameters),
-        "rejected": c.rejected,
-    }
+    return asdict(c) | {"score": c.bic_gain if c.bic_gain is not None else c.chi2_drop}

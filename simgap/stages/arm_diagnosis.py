@@ -140,7 +140,7 @@ def _payloads(section: MeasuredSection, tree: Tree, reading: Reading) -> tuple[P
         if set(traces) <= set(reading.held_out):
             raise UserError(
                 f"'{p.file}' is held out, so that nothing says what its payload is", key=f"measured.payloads.{k}.file",
-                remedy="Hold out another file.",
+                remedy="Hold out a different file.",
             )  # fmt: skip
         found.append(Payload(traces, p.link, p.mass))
     return tuple(found)

@@ -36,7 +36,7 @@ def test_all_steps_are_there():
 
 def test_what_it_says_is_found(done):
     folder, said = done
-    assert "Nothing in the model file that the engine drops or changes." in said["simgap check rod.yaml"]
+    assert "The engine takes the model file as it is: nothing is dropped or changed." in said["simgap check rod.yaml"]
     assert "damps every link by 0.04" in said["simgap check mine.yaml"]  # as PyBullet comes
     found = json.loads((folder / "found/diagnosis.json").read_text())
     assert found["verdict"] == "attributed"

@@ -147,7 +147,7 @@ def test_a_simulator_that_follows_with_no_set_gets_what_its_engine_suggests():
     sets = [(one, two), (), (one,), (two,)]
     judged = acted_out._judged(told, sets, [31.0, 182.0, 27.3, 60.0])
     assert judged.effects == (one, two)
-    assert "None of the sets makes it follow them" in judged.reason
+    assert "With none of the sets does it follow them" in judged.reason
     assert judged.reason.endswith("It cannot act out delay.")
     assert acted_out._judged(told, sets, [31.0, float("nan"), 1.3, 60.0]).effects == (one,)
     followed_it = acted_out._judged(told, sets, [31.0, 182.0, 1.3, 60.0])

@@ -110,7 +110,7 @@ SURPRISES = [
     ("inertia", {}, {"simulator.inertia": "engine"}, "simulator.inertia", "principal moments"),
     ("damping", {"damping": 0.3}, {}, "simulator.damping.joint", "replaces the damping 0.3"),
     ("links", {}, {"simulator.damping": {"linear": 0.04}}, "simulator.damping", "damps every link"),
-    ("friction", {"friction": 0.5}, {}, "joint 'hinge'", "neither Drake nor the engine acts out its friction"),
+    ("friction", {"friction": 0.5}, {}, "joint 'hinge'", "neither Drake nor the engine simulates its friction"),
     ("stop", {"range": 'lower="-0.1" upper="0.1"'}, {}, "domain.X.q", "the engine stops it"),
     ("near", {"range": 'lower="-0.204" upper="0.3"'}, {}, "domain.X.q", "the stops at -0.204 and 0.3"),
     ("locked", {"range": 'lower="0" upper="0"'}, {}, "domain.X.q", "the engine stops it"),
@@ -223,7 +223,7 @@ def test_cells_are_told_as_the_cause_of_what_they_cost(tmp_path):
         case = {"synthesis": {"cells": [cells, cells], "specification": specification}, "budget.memory": "1 TiB"}
         found = {c.stage: c for c in costs.costs(Context.load(written(tmp_path, case=case)), rollout=1e-3)}
         assert found["audit"].key == key
-    assert found["audit"].of == "steps of an adversary"
+    assert found["audit"].of == "steps of the adversary"
 
 
 def test_the_stages_refuse_it_too(tmp_path):

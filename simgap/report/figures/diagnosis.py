@@ -68,7 +68,7 @@ def overlay_figure(o: Overlay, units: Mapping[str, str]) -> Any:
         for low, predicted, colour, dash, word in sides:  # each on its own scale, or the noise could not be seen
             low.axhspan(-2 * o.sigma[k], 2 * o.sigma[k], color=style.FLOOR, alpha=0.45, lw=0, label="noise, ±2σ")
             low.plot(o.t[pick], (o.measured - predicted)[pick, k], color=colour, ls=dash, lw=1.3)
-            low.set_ylabel(f"left {word}\n({pretty_unit(units[name])})")
+            low.set_ylabel(f"residual\n{word} ({pretty_unit(units[name])})")
     if o.inputs:
         colours = (style.GREEN, style.PURPLE, style.ORANGE, style.SKY)
         for j, name in enumerate(o.inputs):
