@@ -130,7 +130,7 @@ def document(
         "effects": [asdict(e) for e in found.effects],
         "base_parameters": [asdict(b) for b in found.base],
         "consistent": None if found.distance is None else {"distance": found.distance},
-        "payloads": [asdict(p) for p in found.payloads],
+        "payloads": [asdict(p) | {"traces": list(p.traces)} for p in found.payloads],
         "recording": [asdict(f) for f in found.recording],
         "error": {
             "before": _error(found.before),
