@@ -290,7 +290,7 @@ class MeasuredSection(Section):
     )
     into_simulator: bool | None = Field(
         default=None,
-        description="hardware: whether the simulator of the corrected case acts out the effects too. By default the "
+        description="hardware: whether the simulator of the corrected case also simulates the effects. By default the "
         "version with the smaller error on the confirming recordings is taken; where that cannot be "
         "decided, a simulator made of the nominal model gets them and one with a model of its own does not.",
     )

@@ -189,11 +189,11 @@ def _judged(told: ActedOut, sets: Sequence[Effects], errors: Sequence[float]) ->
     tried = tuple((tuple((e.name, e.on) for e in s), error) for s, error in zip(sets, errors, strict=True))
     taken, other = sets[best], max(sets, key=len) if not sets[best] else ()
     words = joined([e.name.replace("_", " ") for e in taken] or [""])
-    what = f"acts out {words}" if taken else "stays as it is"
+    what = f"includes {words}" if taken else "stays as it is"
     beside = "without them" if taken else "with the effects on top"
     far = (
-        " With none of the sets does it follow them. Something else differs, such as its time step (substeps) or its "
-        "own damping; this remains part of the gap."
+        " It follows them with none of these sets; something else differs, such as its time step (substeps) or its "
+        "own damping, and remains part of the gap."
     )
     return ActedOut(
         taken,

@@ -101,8 +101,8 @@ def test_a_key_that_stands_twice_an_edit_and_a_foreign_document_are_refused(tmp_
         (text.replace("0.1", "1" * 5001), "damaged"),
         ("[" * 100_000, "damaged"),
         ("{}", "its checksum is missing"),
-        ("[]", "no result"),
-        ("null", "no result"),
+        ("[]", "not a result"),
+        ("null", "not a result"),
         (json.dumps({"eps": 0.1}), "its checksum is missing"),
     ):
         path.write_text(wrong)

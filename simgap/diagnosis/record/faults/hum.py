@@ -27,7 +27,7 @@ _AROUND = 40  # frequencies on either side that are the background of a line
 
 
 class Hum(SeenFault):
-    """A steady sine, as of the mains, stands in a reading.
+    """A steady sine, as from the mains, is added to a reading.
 
     Detected: a spectral line that would need twice the acceleration of the motion, and that no input contains;
     removed.
