@@ -169,7 +169,7 @@ def ranges(case: Case, traits: FileTraits, name: str, joint: FileJoint) -> Itera
         if joint.velocity is not None and fastest > joint.velocity:
             yield Finding(
                 key, (
-                    f"reaches {fastest:g}, joint '{name}' is limited to {joint.velocity:g}; but neither Drake nor "
+                    f"reaches {fastest:g}, joint '{name}' is limited to {joint.velocity:g}, but neither Drake nor "
                     "the engine enforces that"
                 ),
                 "Keep X within it, or correct the file.",
@@ -206,7 +206,7 @@ def efforts(case: Case, name: str, joint: FileJoint) -> Iterator[Finding]:
             if most > joint.effort:
                 yield Finding(
                     f"domain.U.{drive}",
-                    f"reaches {most:g}, joint '{name}' is limited to {joint.effort:g}; but neither Drake nor the "
+                    f"reaches {most:g}, joint '{name}' is limited to {joint.effort:g}, but neither Drake nor the "
                     "engine enforces that",
                     "Keep U within it, or declare saturation in simulator.effects.",
                 )

@@ -114,9 +114,9 @@ SURPRISES = [
     ("stop", {"range": 'lower="-0.1" upper="0.1"'}, {}, "domain.X.q", "the engine stops it"),
     ("near", {"range": 'lower="-0.204" upper="0.3"'}, {}, "domain.X.q", "the stops at -0.204 and 0.3"),
     ("locked", {"range": 'lower="0" upper="0"'}, {}, "domain.X.q", "the engine stops it"),
-    ("effort", {"effort": 0.5}, {}, "domain.U.u", "no more than 0.5"),
-    ("velocity", {"velocity": 0.1}, {}, "domain.X.w", "no faster than 0.1"),
-    ("fastest", {}, {"domain.X": {"q": [-0.2, 0.2], "w": [-150, 150]}, "grid.eps": 9}, "domain.X.w", "speed at 100"),
+    ("effort", {"effort": 0.5}, {}, "domain.U.u", "limited to 0.5"),
+    ("velocity", {"velocity": 0.1}, {}, "domain.X.w", "limited to 0.1"),
+    ("fastest", {}, {"domain.X": {"q": [-0.2, 0.2], "w": [-150, 150]}, "grid.eps": 9}, "domain.X.w", "speed to 100"),
     ("mimic", {"inside": '<mimic joint="other"/>', "more": ARM}, TWO, "joint 'hinge'", "follow joint 'other'"),
     ("gear", {"gear": GEAR}, {}, "joint 'hinge'", "a gear or a rotor's inertia"),
 ]
@@ -255,7 +255,7 @@ def test_what_a_run_costs_is_said_before_anything_is_built(tmp_path, monkeypatch
     assert "of CPU time in all, most of it" in said[0]
     monkeypatch.setattr(check, "of_engine", lambda *given: (None, None))
     check.run(written(tmp_path), tell=said.append)
-    assert said[-2:] == ["building the nominal model of 2 states", "asking the engine pybullet"]
+    assert said[-2:] == ["building the nominal model of 2 states", "querying the engine pybullet"]
 
 
 def test_the_counts_are_those_of_the_stages(tmp_path):
