@@ -38,7 +38,7 @@ def _writable(path: Path | None, key: str, folder: bool) -> Path | None:
             return path
     except OSError as error:
         raise UserError(
-            f"cannot be written: {above} {'is no folder' if not above.is_dir() else 'takes no files'} "
+            f"cannot be written: {above} {'is not a folder' if not above.is_dir() else 'takes no files'} "
             f"({error.strerror or error})", file=path, key=key, remedy="Choose a location that you can write to.",
         ) from None  # fmt: skip
 

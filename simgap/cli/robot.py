@@ -76,11 +76,11 @@ def new(
 
 def check(
     case: CasePath,
-    out: Annotated[Path | None, typer.Option(help="File for what was found (JSON).", callback=new_file)] = None,
+    out: Annotated[Path | None, typer.Option(help="File for the findings (JSON).", callback=new_file)] = None,
     as_json: AsJson = False,
     log: Log = None,
 ) -> None:
-    """Check a case before anything runs: model file, engine, cells, and what every stage will cost."""
+    """Check a case before a run: model file, engine, cells, and the cost of every stage."""
     from simgap.stages import check as stage
 
     start_log(log)
@@ -126,7 +126,7 @@ def propose(
     at: Annotated[str, typer.Option(help="Posture around which to work, such as q2=3.1416; 0 for other states.")] = "",
     seconds: Annotated[float, typer.Option(min=1.0, help="CPU time for the search.")] = 120.0,
 ) -> None:
-    """Find tau, X, U and cells for which a controller exists, by the nominal model, and print them as sections."""
+    """Find tau, X, U and cells for which the nominal model has a controller, and print the sections for the case."""
     from simgap.extras.wizard import propose as stage
 
     with progress("building the nominal model") as tell:
@@ -142,7 +142,7 @@ def refine(
         int | None, typer.Option(min=1, help="At most so many, all inputs counted; by default as many as now.")
     ] = None,
 ) -> None:
-    """Find along which states the grid of samples has to be fine, from lines through X, and print its section."""
+    """Find the states along which the sample grid must be fine, and print the section for the case."""
     from simgap.stages import refine as stage
 
     with progress("building the nominal model") as tell:

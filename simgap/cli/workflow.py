@@ -213,7 +213,7 @@ def sweep(
     file: Annotated[Path, typer.Argument(help="Sweep file (YAML).", show_default=False)],
     cores: Annotated[int, typer.Option(min=1, help="Processes at a time.")] = 2,
 ) -> None:
-    """Make every point of a sweep, one table and one page: results/sweeps/<name> of this folder.
+    """Run every point of a sweep; table and page go to results/sweeps/<name> in this folder.
 
     Other options, such as --dry-run, --unlock or --keep-going, are passed to Snakemake.
     """

@@ -87,7 +87,7 @@ class HiddenStateSection(Section):
     """What earlier inputs leave behind in the simulator, and how it is covered."""
 
     previous: dict[str, int] = Field(
-        description="For each input how many of its values stand for the previous input: the extremes and between."
+        description="For each input, how many of its values represent the previous input: the extremes and between."
     )
     classes: dict[str, int] = Field(
         default_factory=dict,

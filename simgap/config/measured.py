@@ -236,8 +236,10 @@ class MeasuredSection(Section):
     )
     conditions_from: dict[str, Annotated[ConditionColumn, BeforeValidator(bare_column, str | ConditionColumn)]] = Field(
         default_factory=dict,
-        description="Such parameters whose values stand in a column of each file (or beside the samples of a JSON "
-        "file): parameter -> its column.",
+        description=(
+            "Such parameters with their values in a column of each file (or beside the samples of a JSON file): "
+            "parameter -> its column."
+        ),
     )
     payloads: tuple[PayloadSection, ...] = Field(
         default=(),
@@ -299,5 +301,5 @@ class MeasuredSection(Section):
     def _one_source_each(self) -> MeasuredSection:
         twice = [name for name in self.conditions_from if any(name in c.values for c in self.conditions)]
         if twice:
-            raise ValueError(f"{twice} stand in conditions and in conditions_from: remove them from one")
+            raise ValueError(f"{twice} are both in conditions and in conditions_from: remove them from one")
         return self

@@ -336,7 +336,7 @@ def check_floating_root(path: Path) -> None:
     weighs = mass is not None and float(mass.get("value", "0")) > 0.0
     if not weighs or inertia is None or not any(float(inertia.get(k, "0")) for k in ("ixx", "iyy", "izz")):
         _refuse(
-            path, link, "<inertial>", "the root of a robot that stands freely has no mass and inertia",
+            path, link, "<inertial>", "the root of a free-standing robot has no mass and inertia",
             "Make the chassis the root, its frame midway between the wheels, or give this link its mass and inertia.",
         )  # fmt: skip
 

@@ -42,11 +42,12 @@ UNCONFIRMED = (
     "where nothing confirms that no other effect acts."
 )
 STEPS = (
-    "From the model as declared to the answer, one effect at a time. A line runs from the error before a step to the "
+    "From the declared model to the answer, one effect at a time. A line runs from the error before a step to the "
     "error with that effect, as chi² per degree of freedom of fit and choose; 1 is the noise. Effects of the answer "
-    "stand in the order in which each takes away most, beside what else was fitted there. What gains less than "
-    f"{BIC_GAIN:g} in BIC is not taken, nor what does not carry over to other data; the other candidates, with the "
-    "drop that each promised, are in diagnosis.json."
+    "are listed in the order in which each removes most, beside the other effects that were fitted at that step. "
+    "What gains less than "
+    f"{BIC_GAIN:g} in BIC, or does not carry over to other data, is not taken; the other candidates, with the "
+    "predicted drop of each, are in diagnosis.json."
 )
 FAINT = (
     "What is left looks like coloured noise; mechanisms outside the library would leave the same, so nothing is "

@@ -180,7 +180,7 @@ def _careful(m: Material) -> str:
     words = specification_of(m.context.case).words
     kept, runs = tally["runs_that_kept_the_specification"], tally["runs"]
     left, steps = tally.get("steps_that_left_the_certified_box"), tally["steps"]
-    outside = f", {left:,} of {steps:,} steps outside the box that it predicted" if left is not None else ""
+    outside = f", {left:,} of {steps:,} steps outside the predicted box" if left is not None else ""
     return (
         "Fair baseline (nominal-only, but it checks the model's path between samples): "
         f"{kept:,} of {runs:,} runs {words.kept}{outside}."

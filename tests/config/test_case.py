@@ -201,7 +201,7 @@ def test_what_the_system_refuses_is_one_line(root, tmp_path, capsys):
         assert ended.value.code == 2
         told = capsys.readouterr().err
         assert told.count("\n") == 1
-        assert f"cannot be written: {in_the_way} is no folder" in told
+        assert f"cannot be written: {in_the_way} is not a folder" in told
 
 
 def test_extends_replaces_a_range_by_values_and_a_section_by_an_empty_one(vary):

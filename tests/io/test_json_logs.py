@@ -95,7 +95,7 @@ REFUSED = {
     "key twice beside": ('{"m": 1, "m": 2, "entries": [{"t": 0}]}', r"the document: the key 'm' appears twice"),
     "key twice below": ('[{"t": 0, "q": {"a": 1, "a": 2}}]', r"row 1: the key 'a' appears twice"),
     "dotted twice": ('[{"t": 0, "q": 1, "a": {"b": 1}, "a.b": 2}]', r"row 1: two values are called 'a\.b'"),
-    "in and beside": ('{"q": 1, "entries": [{"t": 0, "q": 1}]}', r"'q' stands in the samples and beside them"),
+    "in and beside": ('{"q": 1, "entries": [{"t": 0, "q": 1}]}', r"'q' appears in the samples and beside them"),
     "no time": ('[{"time": 0, "q": 1}]', r"no time column 't' among 'time', 'q'.*measured\.time\.column"),
     "text": ('[{"t": 0, "q": 1}, {"t": 1, "q": "1.5"}]', r"row 2, key 'q': '1\.5' is a text, not a number"),
     "text beside": ('{"q": "none", "entries": [{"t": 0}]}', r"row 1, key 'q': 'none' is a text"),

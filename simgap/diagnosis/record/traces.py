@@ -232,7 +232,7 @@ def _held_out(origins: Mapping[str, tuple[str, str | None]], options: ReadingOpt
 def _warnings(notes: Sequence[FileNotes]) -> Iterator[str]:
     for n in notes:
         if n.repeated:
-            yield f"{n.file}: {_count(n.repeated, 'row')} repeated a time stamp: the mean stands for each"
+            yield f"{n.file}: {_count(n.repeated, 'row')} repeated a time stamp: their mean is used"
         if n.gaps:
             yield f"{n.file}: traces are split at {_count(n.gaps, 'gap')} in time"
         if n.short_pieces:

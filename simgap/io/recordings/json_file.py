@@ -50,7 +50,7 @@ def json_cells(path: Path, asked: Iterable[str], file: str) -> tuple[tuple[str, 
     twice = next((name for name in constants if name in varying), None)
     if twice is not None:
         raise UserError(
-            f"'{excerpt(twice, 40)}' stands in the samples and beside them", file=file, remedy="Rename one of them."
+            f"'{excerpt(twice, 40)}' appears in the samples and beside them", file=file, remedy="Rename one of them."
         )
     for name in constants.keys() & cells.keys():
         cells[name] = list(repeat(constants[name], rows))

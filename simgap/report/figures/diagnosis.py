@@ -120,7 +120,7 @@ def _gain(value: float) -> str:
 
 
 def steps_figure(steps: Sequence[Mapping[str, Any]]) -> Any:
-    """From the model as declared to the answer, one effect at a time: what each option of a step leaves of chi^2/dof.
+    """From the declared model to the answer, one effect at a time: what each option of a step leaves of chi^2/dof.
 
     Args:
         steps: each with `chi2_dof` before it and its `options`, what was taken first; the last step takes none.
@@ -155,7 +155,7 @@ def steps_figure(steps: Sequence[Mapping[str, Any]]) -> Any:
     axis.set_xscale("log")
     axis.set_xlim(NO_LESS, 2.0 * max(largest, 5.0, *(before for _, before, _ in rows)))
     axis.axvline(1.0, color="#55595F", lw=1.4, ls=(0, (4, 2)))
-    axis.set_xlabel("chi²/dof that is left (log); 1 is the noise (dashed)")
+    axis.set_xlabel("remaining chi²/dof (log); 1 is the noise (dashed)")
     axis.grid(axis="y", visible=False)
     kinds = (("in the answer", style.AFTER, 5.0), ("fitted there, not taken", OTHER, 2.5))
     handles = [Line2D([], [], color=c, lw=w, marker="o") for _, c, w in kinds]
