@@ -104,7 +104,15 @@ def one(plant: str, kind: str, seed: int) -> dict[str, Any]:
 
 def table(rows: list[dict[str, Any]]) -> str:
     """Markdown, one kind a row."""
-    head = ("beside friction", "records", "push told", "attributed", "right names, partial", "too bold", "unexplained")
+    head = (
+        "beside friction",
+        "records",
+        "push reported",
+        "attributed",
+        "right names, partial",
+        "too bold",
+        "unexplained",
+    )
     lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
     for kind in (*MIMICS, *PUSHES):
         own = [r for r in rows if r["kind"] == kind]

@@ -97,7 +97,7 @@ def one(plant: str, kind: str, friction: bool, seed: int, budget: float | None) 
 def table(rows: list[dict[str, Any]]) -> str:
     """Markdown, one noise a row."""
     head = ("noise", "records", "right verdict", "right names", "wrong attributed", "wrong partial",
-            "intervals that cover", "push told")  # fmt: skip
+            "intervals that cover", "push reported")  # fmt: skip
     lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
     for kind in NOISES:
         own = [r for r in rows if r["kind"] == kind]

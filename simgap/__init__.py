@@ -13,7 +13,7 @@ from simgap.cache import keep_bytecode, keep_machine_code_by_sources
 
 if TYPE_CHECKING:
     __version__: str
-    from simgap.api import check, diagnose, load_gap, load_summary, new_case
+    from simgap.api import check, diagnose, load_gap, load_summary, new_case, run
     from simgap.config.load import load_case
     from simgap.errors import BrokenPromise, UserError
     from simgap.io.controller_export import export_controller
@@ -34,6 +34,7 @@ __all__ = [
     "load_plant",
     "load_summary",
     "new_case",
+    "run",
 ]
 _ROOMS = {
     "BrokenPromise": "errors",

@@ -6,10 +6,14 @@ guarantee that does not hold, and `EngineCrash` where a simulator's process died
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from simgap.config.load import load_case
+from simgap.errors import SimgapError
 from simgap.extras.wizard import new_case as _new
 from simgap.gap.bounds.function import GapFunction
 from simgap.io.documents import read_json
@@ -48,6 +52,20 @@ def check(case: Path | str) -> Checked:
         UserError: whatever a stage would refuse later.
     """
     return _check.run(Path(case))
+
+
+def run(case: Path | str, cores: int = 2, full: bool = False, folder: Path | str = ".") -> Path:
+    """Every stage of a case, as `simgap run` does it in this folder: the folder of its results, for `load_summary`.
+
+    Raises:
+        UserError: a case that is refused.
+        SimgapError: a stage that failed; the last line that the run printed says why.
+    """
+    name = load_case(Path(case)).name
+    words = ["run", str(Path(case).absolute()), "--cores", str(cores), *["--full"] * full]
+    if subprocess.run([sys.executable, "-P", "-m", "simgap.cli", *words], cwd=folder, check=False).returncode:
+        raise SimgapError(f"the run of {name} failed; the last line that it printed says why")
+    return Path(folder) / "results" / name
 
 
 def diagnose(

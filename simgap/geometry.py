@@ -186,4 +186,4 @@ def points_of_cells(grid: Grid, cells: Ints, place: Floats) -> Floats:
         if not astray.any():
             return x
         x = np.where(astray, x - np.sign(place) * nudge * unit, x)
-    raise RuntimeError("a point on the face of a cell cannot be told from the cell beside it")
+    raise RuntimeError("a point on the face of a cell cannot be distinguished from the next cell")

@@ -153,7 +153,7 @@ def _offered(group: str) -> Mapping[str, metadata.EntryPoint]:
 @lru_cache(maxsize=64)
 def _installed(group: str, name: str) -> type[Any]:
     point = _offered(group)[name]
-    log.warning("plug-in '%s' (%s) is code of %s and runs with your rights", name, group, point.value)
+    log.warning("plug-in '%s' (%s) is code of %s and runs with your permissions", name, group, point.value)
     try:
         return _of(importlib.import_module(point.module), point.attr, name)
     except ImportError as error:
@@ -171,7 +171,7 @@ def _beside(name: str, folder: Path | None) -> type[Any]:
         raise UserError("the plug-in file does not exist", file=path, remedy="Put it beside the case.")
     content = reading.read_bytes(path)
     if (path, content) not in _FILES:
-        log.warning("plug-in file %s is code and runs with your rights", path)
+        log.warning("plug-in file %s is code and runs with your permissions", path)
     return _of(_module(path, content), attribute, name)
 
 

@@ -233,5 +233,5 @@ def require_room(size: int) -> None:
     if size > MOST:
         raise TooLarge(
             f"holds {size / 1e9:.3g} GB unpacked, more than a quarter of this machine's memory",
-            remedy="Take another machine, or less data in a file.",
+            remedy="Use a machine with more memory, or less data in a file.",
         )

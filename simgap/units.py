@@ -78,7 +78,7 @@ def require_unit(unit: str, wanted: str, key: str) -> None:
         same = False
     if not same:
         raise UserError(
-            f"the unit is '{unit}', what stands here is computed in '{wanted}'",
+            f"the unit is '{unit}', but this is computed in '{wanted}'",
             key=key,
             remedy=f"Use '{wanted}' for it and for every number of it.",
         )

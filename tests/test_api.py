@@ -34,6 +34,14 @@ def test_a_script_without_a_guard_runs_once(tmp_path):
     assert done.stdout.count("begins") == 1
 
 
+def test_a_run_from_a_script_leaves_its_results(tmp_path):
+    case = write_cart(tmp_path)
+    assert simgap.run(str(case), cores=1, folder=tmp_path) == tmp_path / "results/cart"
+    assert (tmp_path / "results/cart/check/check.json").is_file()
+    with pytest.raises(simgap.UserError):
+        simgap.run(tmp_path / "gone.yaml")
+
+
 def test_every_path_may_be_text():
     for name in simgap.__all__:
         offered = getattr(simgap, name)

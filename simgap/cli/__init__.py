@@ -53,7 +53,7 @@ def main(arguments: list[str] | None = None) -> None:
         say(f"simgap: {one_line(_of_the_system(error))}", err=True)
         status = 1
     except MemoryError:
-        say("simgap: the memory of this machine does not suffice; `simgap check CASE` says what does", err=True)
+        say("simgap: out of memory; `simgap check CASE` states what a run needs", err=True)
         status = 1
     except _USAGE as error:
         say(one_line(f"simgap: {error} (simgap --help lists what there is)"), err=True)
@@ -63,7 +63,7 @@ def main(arguments: list[str] | None = None) -> None:
         status = 130
     except Exception:  # a fault of simgap's own: whoever reads the log of the stage finds it there
         if _logs_to_a_file():
-            logging.getLogger("simgap").exception("a fault of simgap itself")
+            logging.getLogger("simgap").exception("an internal error of simgap")
         raise
     finally:
         logger = logging.getLogger("simgap")
@@ -86,7 +86,7 @@ def _refuse_settings() -> None:
     for name, library in ((".numba_config.yaml", "numba"), ("matplotlibrc", "Matplotlib")):
         if os.path.lexists(name):
             raise UserError(
-                f"{library} would take its settings from it", file=name, remedy="Move it, or run in another folder."
+                f"{library} would read its settings from it", file=name, remedy="Move it, or run in another folder."
             )
     not_linked(Path("MUJOCO_LOG.TXT"))
 
@@ -100,11 +100,11 @@ def _of_the_system(error: OSError) -> str:
     remedies = {
         errno.ENOSPC: "Free some space and run again: nothing is left half-written.",
         errno.EDQUOT: "Free some space and run again: nothing is left half-written.",
-        errno.EACCES: "Give a place that you may write to.",
-        errno.EROFS: "Give a place that you may write to.",
-        errno.EEXIST: "A file stands where a folder is needed: give another place.",
-        errno.ENOTDIR: "A file stands where a folder is needed: give another place.",
-        errno.EISDIR: "A folder stands where a file is needed: give another place.",
+        errno.EACCES: "Choose a location that you can write to.",
+        errno.EROFS: "Choose a location that you can write to.",
+        errno.EEXIST: "A file is in the way of a folder: choose another location.",
+        errno.ENOTDIR: "A file is in the way of a folder: choose another location.",
+        errno.EISDIR: "A folder is in the way of a file: choose another location.",
     }
     where = f"{excerpt(error.filename)}: " if error.filename else ""
     return f"{where}{error.strerror or excerpt(error)}. {remedies.get(error.errno or 0, '')}".rstrip()

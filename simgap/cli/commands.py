@@ -89,7 +89,7 @@ GROUPS: Mapping[str, Mapping[str, Command]] = {
         "lipschitz": _stage("lipschitz", "Estimate the Lipschitz constants of the gap, one for each dimension."),
         "gap": _stage(
             "gap",
-            "Put the dimensions together to a bound of the gap by a function of state and input, and check it.",
+            "Combine the dimensions into a bound of the gap, a function of state and input, and check it.",
         ),
         "synthesis": _stage(
             "synthesis", "Synthesise the controller on the abstraction of f with its gap, or of f alone."
@@ -107,7 +107,7 @@ GROUPS: Mapping[str, Mapping[str, Command]] = {
         "point": _stage("sweep", "Write the case of one point of a sweep.", "write_point"),
         "sweep-page": _stage("sweep", "Write the table and the page of a sweep."),
     },
-    "For those who work on simgap": {
+    "For developers of simgap": {
         "paper": Command("simgap.cli.tools:paper"),
         "schema": Command("simgap.cli.tools:schema"),
         "reference": Command("simgap.cli.tools:reference"),
@@ -228,10 +228,10 @@ app = typer.Typer(cls=Groups, rich_markup_mode=None, pretty_exceptions_enable=Fa
 @app.callback()
 def options(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
     ] = False,
     everything: Annotated[
-        bool, typer.Option("--all", callback=_show_all, is_eager=True, help="List the stages of the workflow, too.")
+        bool, typer.Option("--all", callback=_show_all, is_eager=True, help="Also list the stages of the workflow.")
     ] = False,
 ) -> None:
     """Measure, bound and close the gap between a robot model, its simulator and its recordings."""

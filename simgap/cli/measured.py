@@ -21,7 +21,7 @@ def diagnose(
     as_json: AsJson = False,
     log: Log = None,
 ) -> None:
-    """Find the physical effect that the nominal model lacks, from recordings."""
+    """Find the physical effects that the nominal model lacks, from recordings."""
     from simgap.stages import diagnosis as stage
 
     if out != Path():  # before the search, and not when its results are written; beside the case there may be links
@@ -54,7 +54,7 @@ def next_experiment(
     start: Annotated[str, typer.Option(help="State at its first sample, such as q=0.5,v=0.")] = "",
     log: Log = None,
 ) -> None:
-    """Propose the recording that separates explanations that a diagnosis left open."""
+    """Propose a recording that separates the explanations a diagnosis left open."""
     from simgap.extras import next as stage
 
     start_log(log or out / "next.log")

@@ -38,8 +38,8 @@ def _writable(path: Path | None, key: str, folder: bool) -> Path | None:
             return path
     except OSError as error:
         raise UserError(
-            f"cannot be written: {above} {'is no folder' if not above.is_dir() else 'takes no files'} "
-            f"({error.strerror or error})", file=path, key=key, remedy="Give a place that you may write to.",
+            f"cannot be written: {above} {'is not a folder' if not above.is_dir() else 'takes no files'} "
+            f"({error.strerror or error})", file=path, key=key, remedy="Choose a location that you can write to.",
         ) from None  # fmt: skip
 
 
@@ -54,7 +54,7 @@ def new_folder(option: typer.CallbackParam, path: Path | None) -> Path | None:
 
 
 Out = Annotated[Path, typer.Option(help="File to write.", show_default=False, callback=new_file)]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON only.")]
 Log = Annotated[Path | None, typer.Option(help="File for the log of this stage; stderr if not given.")]
 
 

@@ -30,7 +30,7 @@ def tutorial(
     source = workflow_file("tutorial") if (PACKAGE / "workflow").is_dir() else PACKAGE.parent / "docs/tutorial"
     for name in TUTORIAL:
         if (out / name).exists():
-            raise UserError("is there already, and stays as it is", file=out / name, remedy="Take an empty folder.")
+            raise UserError("already exists and is left unchanged", file=out / name, remedy="Use an empty folder.")
     for name in TUTORIAL:
         with atomic(out / name) as temporary:
             temporary.write_bytes(reading.read_bytes(source / name))
@@ -65,7 +65,7 @@ def new(
         key = next(key for key, given in of_files.items() if given)
         raise UserError("belongs to a model file", key=key, remedy="Write it into the equations.")
     if base not in ("", *BASES):
-        raise UserError(f"'{excerpt(base, 40)}' is no base", key="--base", remedy=f"Known: {', '.join(BASES)}.")
+        raise UserError(f"'{excerpt(base, 40)}' is not a base", key="--base", remedy=f"Known: {', '.join(BASES)}.")
     named, kept = ([n.strip() for n in said.split(",") if n.strip()] or None for said in (inputs, joints))
     notes, posture = list[str](), values_of(at, "--at")
     with progress("reading the model") as tell:
@@ -76,11 +76,11 @@ def new(
 
 def check(
     case: CasePath,
-    out: Annotated[Path | None, typer.Option(help="File for what was found (JSON).", callback=new_file)] = None,
+    out: Annotated[Path | None, typer.Option(help="File for the findings (JSON).", callback=new_file)] = None,
     as_json: AsJson = False,
     log: Log = None,
 ) -> None:
-    """Check a case before anything runs: model file, engine, cells, and what every stage will cost."""
+    """Check a case before a run: model file, engine, cells, and the cost of every stage."""
     from simgap.stages import check as stage
 
     start_log(log)
@@ -112,10 +112,10 @@ def _show_checked(checked: Checked, case: Path) -> None:
     for finding in checked.findings:
         out.print(f"{finding.key}: {finding.problem}. {finding.remedy}", soft_wrap=True, highlight=False)
     if checked.compared and not checked.findings:
-        out.print("Nothing in the model file that the engine drops or changes.")
+        out.print("The engine takes the model file as it is: nothing is dropped or changed.")
     if not checked.costs:
         out.print(
-            "Nothing here is to be computed but a diagnosis: there is no `domain:` with a simulator or a controller.",
+            "Only a diagnosis can be computed: there is no `domain:` with a simulator or a controller.",
             soft_wrap=True, highlight=False,
         )  # fmt: skip
     out.print(conclusion(checked, case), soft_wrap=True, highlight=False)
@@ -126,7 +126,7 @@ def propose(
     at: Annotated[str, typer.Option(help="Posture around which to work, such as q2=3.1416; 0 for other states.")] = "",
     seconds: Annotated[float, typer.Option(min=1.0, help="CPU time for the search.")] = 120.0,
 ) -> None:
-    """Find tau, X, U and cells for which a controller exists, by the nominal model, and print them as sections."""
+    """Find tau, X, U and cells for which the nominal model has a controller, and print the sections for the case."""
     from simgap.extras.wizard import propose as stage
 
     with progress("building the nominal model") as tell:
@@ -142,7 +142,7 @@ def refine(
         int | None, typer.Option(min=1, help="At most so many, all inputs counted; by default as many as now.")
     ] = None,
 ) -> None:
-    """Find along which states the grid of samples has to be fine, from lines through X, and print its section."""
+    """Find the states along which the sample grid must be fine, and print the section for the case."""
     from simgap.stages import refine as stage
 
     with progress("building the nominal model") as tell:
@@ -155,8 +155,8 @@ def refine(
 def certify(
     what: Annotated[Path, typer.Argument(help="Case file, or its folder in results/.", show_default=False)],
     out: Annotated[Path, typer.Option(help="Folder for the certificate.", show_default=False, callback=new_folder)],
-    bound: Annotated[Path | None, typer.Option("--gap", help="gap.json, if it is not at its place.")] = None,
-    controller: Annotated[Path | None, typer.Option(help="controller.npz, if it is not at its place.")] = None,
+    bound: Annotated[Path | None, typer.Option("--gap", help="gap.json, if it is elsewhere.")] = None,
+    controller: Annotated[Path | None, typer.Option(help="controller.npz, if it is elsewhere.")] = None,
     log: Log = None,
 ) -> None:
     """Export a controller as a certificate that checker/check.py verifies without simgap."""

@@ -44,6 +44,8 @@ class Progress:
             return f"{self._stand()}: {record.rule_msg}" if record.rule_msg else ""
         elif event == "error" or (event is None and record.levelno >= logging.WARNING):
             return f"simgap: {record.getMessage()}"
+        elif event is None and record.getMessage().startswith("Nothing to be done"):
+            return str(record.getMessage())
         return ""
 
     def _read_costs(self, found: Path) -> None:

@@ -30,7 +30,7 @@ def times(
     results: Annotated[Path, typer.Argument(help="Folder of results, or of one case.")] = Path("results"),
     as_json: AsJson = False,
 ) -> None:
-    """Show where the time of a run went: every job with its wall time, CPU time and memory, the costliest first."""
+    """Show where the time of a run went: each job's wall time, CPU time and memory, the costliest first."""
     from simgap.io.runs import job_times
 
     jobs = job_times(results)
@@ -116,12 +116,12 @@ def view(
         Path, typer.Argument(help="results/CASE, the folder of a diagnosis, or a recording.", show_default=False)
     ],
     web: Annotated[bool, typer.Option("--web", help="In the browser, the default without a display.")] = False,
-    only_print: Annotated[bool, typer.Option("--print", help="Print the command and stop.")] = False,
+    only_print: Annotated[bool, typer.Option("--print", help="Print the command and exit.")] = False,
     picture: Annotated[
-        Path | None, typer.Option(help="Write what the viewer shows as PNG and stop.", callback=new_file)
+        Path | None, typer.Option(help="Save the viewer's picture as PNG and exit.", callback=new_file)
     ] = None,
 ) -> None:
-    """Open a recording in Rerun's viewer, which no other machine can reach."""
+    """Open a recording in Rerun's viewer, on this machine only."""
     file = recording_of(what)
     words = command(file, web or not displayed()) if picture is None else pictured(file, picture)
     if only_print:
@@ -193,7 +193,7 @@ def _take(words: Sequence[str], picture: Path) -> None:
     _until_closed(words, LONGEST)
     if not picture.exists() or picture.stat().st_mtime_ns == before:
         raise UserError(
-            "the viewer has written no picture", file=picture, remedy=f"See what it says: {shlex.join(words)}"
+            "the viewer did not write a picture", file=picture, remedy=f"Run it to see why: {shlex.join(words)}"
         )
 
 

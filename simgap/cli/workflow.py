@@ -66,12 +66,12 @@ def run(
     for path, name in zip(files, (case.name for case in loaded), strict=True):
         if path.name != f"{name}.yaml":
             raise UserError(
-                f"the case is called '{name}', its file is not", file=path, key="name",
+                f"the case is named '{name}' but its file is not", file=path, key="name",
                 remedy=f"Rename the file to {name}.yaml, or the case.",
             )  # fmt: skip
     (folder, *others) = dict.fromkeys(path.parent for path in files)
     if others:
-        raise UserError("stands in another folder than the first case", file=others[0], remedy="Run it by itself.")
+        raise UserError("is not in the folder of the first case", file=others[0], remedy="Run it by itself.")
     whole = not looks_on(options)
     if whole:
         _refuse_beside({path.stem for path in files})
@@ -104,7 +104,7 @@ def _refuse_beside(names: set[str]) -> None:
         common = sorted(names.intersection(other.cases))
         if other.alive and common:
             raise UserError(
-                f"another run is at work on {', '.join(common)} in this folder: {other}",
+                f"another run is working on {', '.join(common)} in this folder: {other}",
                 file=Path(f"results/{common[0]}"),
                 remedy="Wait until it has ended, or type the command in another folder: results go to results/ there.",
             )
@@ -131,7 +131,7 @@ def require_made(result: Path) -> Path:
     """
     if not reading.is_file(result):
         raise WorkflowFailed(
-            f"the run says that it ended well and has not made {result}. Leave out options and profiles of Snakemake "
+            f"the run reported success but did not write {result}. Leave out options and profiles of Snakemake "
             "that keep it from computing"
         )
     return result
@@ -158,15 +158,14 @@ def snakemake(
         raise WorkflowFailed(
             _locked()
             if locked
-            else "the run has failed for what the line above says. Mend it and type the same command again: what was "
-            "finished is kept"
+            else "the run failed, as the line above says. Fix that and repeat the command: what was finished is kept"
         )
 
 
 def _locked() -> str:
     """Who holds the folder, as far as it can be told, and what to do."""
     others = runs_in(Path())
-    named = f"at work here: {'; '.join(map(str, others))}" if others else "no run that is alive here says so"
+    named = f"running here: {'; '.join(map(str, others))}" if others else "no live run on this machine"
     alive = any(run.alive for run in others)
     return f"another run writes files of this one, or has left locks: {named}. " + (
         "Wait until it has ended, or type the command in another folder"
@@ -202,7 +201,7 @@ def _status(folder: Path, cases: Sequence[str], cores: int, options: Sequence[st
             continue
         if status and interrupted:
             raise WorkflowFailed(
-                "the run was interrupted. What was finished is kept: the same command goes on from there"
+                "the run was interrupted. What was finished is kept: the same command continues from there"
             )
         if status == start.USAGE:  # told
             raise typer.Exit(2)
@@ -214,7 +213,7 @@ def sweep(
     file: Annotated[Path, typer.Argument(help="Sweep file (YAML).", show_default=False)],
     cores: Annotated[int, typer.Option(min=1, help="Processes at a time.")] = 2,
 ) -> None:
-    """Make every point of a sweep, one table and one page: results/sweeps/<name> of this folder.
+    """Run every point of a sweep; table and page go to results/sweeps/<name> in this folder.
 
     Other options, such as --dry-run, --unlock or --keep-going, are passed to Snakemake.
     """

@@ -46,7 +46,7 @@ def _to(unit: str) -> BeforeValidator:
             return float(number) * (conversion(given, unit).factor if given else 1.0)
         except UserError:
             raise ValueError(
-                f"'{excerpt(given, 60)}' is no unit that converts to {unit}; write it like '0.005 {unit}'"
+                f"'{excerpt(given, 60)}' is not a unit that converts to {unit}; write it like '0.005 {unit}'"
             ) from None
         except ValueError:
             raise ValueError(
@@ -58,7 +58,7 @@ def _to(unit: str) -> BeforeValidator:
 
 def _ordered(ends: tuple[float, float]) -> tuple[float, float]:
     if not ends[0] < ends[1]:
-        raise ValueError(f"it is upside down: {ends[0]} is not below {ends[1]}. Give the lower end first")
+        raise ValueError(f"its ends are reversed: {ends[0]} is not below {ends[1]}. Give the lower end first")
     return ends
 
 

@@ -23,9 +23,9 @@ class BudgetSection(Section):
     """Limits that a case is held against before anything runs."""
 
     memory: Gibibytes | None = Field(
-        None, gt=0, description="Most memory of one stage, in GiB or with a unit; half of the machine's if not given."
+        None, gt=0, description="Memory limit of one stage, in GiB or with a unit; half of the machine's if not given."
     )
-    time: Hours = Field(1.0, gt=0, description="Most time of one stage on one core, in hours or with a unit.")
+    time: Hours = Field(1.0, gt=0, description="Time limit of one stage on one core, in hours or with a unit.")
 
     @property
     def bytes(self) -> float:
@@ -44,7 +44,7 @@ class Case(Section):
     name: str = Field(
         pattern=r"^[a-z][a-z0-9_-]*$", max_length=100, description="Short name; results go to results/<name>."
     )
-    title: str = Field("", description="What the report is headed with.")
+    title: str = Field("", description="Title of the report.")
     plant: PlantSection = Field(description="The nominal model.")
     domain: DomainSection | None = Field(None, description="Sampling time, states and inputs.")
     simulator: SimulatorSection | None = Field(None, description="The high-fidelity side.")
@@ -57,8 +57,8 @@ class Case(Section):
     validation: ValidationSection | None = Field(None, description="The closed loop that checks it.")
     audit: AuditSection | None = Field(None, description="The adversary's budget against bound and controller.")
     twin: TwinSection | None = Field(None, description="Another engine that the simulator stands for.")
-    budget: BudgetSection = Field(BudgetSection(), description="What a run may cost before it is refused.")
-    measured: MeasuredSection | None = Field(None, description="Recordings of the real thing.")
+    budget: BudgetSection = Field(BudgetSection(), description="Cost above which a run is refused.")
+    measured: MeasuredSection | None = Field(None, description="Recordings of the real machine.")
 
     @model_validator(mode="after")
     def _one_set_of_names(self) -> Case:

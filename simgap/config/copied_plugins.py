@@ -55,8 +55,8 @@ def _function(case: Case, source: Path) -> tuple[CopiedPlugin, ...]:
     found = FunctionFile.find(getattr(case.simulator, "function", ""), source)
     if found.neighbours:
         raise UserError(
-            f"the simulator's file needs {', '.join(p.name for p in found.neighbours)}, which would not stand beside "
-            "a corrected case", file=found.path, key=KEY, remedy="Put what it needs into the one file.",
+            f"the simulator's file needs {', '.join(p.name for p in found.neighbours)}, which would be missing "
+            "beside a corrected case", file=found.path, key=KEY, remedy="Put what it needs into the one file.",
         )  # fmt: skip
     content = reading.read_bytes(found.path)
     new = f"{found.path.stem}-{hashlib.sha256(content).hexdigest()[:12]}.py"

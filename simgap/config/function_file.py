@@ -38,7 +38,9 @@ class FunctionFile:
         file, _, name = named.rpartition(":")
         if not file.endswith(".py") or not name.isidentifier():
             raise UserError(
-                f"'{excerpt(named)}' names no function", key=KEY, remedy="Write file.py:name, such as my_sim.py:step."
+                f"'{excerpt(named)}' does not name a function",
+                key=KEY,
+                remedy="Write file.py:name, such as my_sim.py:step.",
             )
         path = reading.real(folder / file)
         if not path.is_relative_to(reading.real(folder)):
@@ -108,7 +110,7 @@ def _tree(path: Path) -> ast.Module:
     except (SyntaxError, ValueError) as error:
         line = getattr(error, "lineno", None)
         raise UserError(
-            f"the file is no Python: {error.args[0] if error.args else error}"
+            f"the file is not valid Python: {error.args[0] if error.args else error}"
             + (f" (line {line})" if line is not None else ""),
             file=path,
         ) from None

@@ -87,7 +87,7 @@ class HiddenStateSection(Section):
     """What earlier inputs leave behind in the simulator, and how it is covered."""
 
     previous: dict[str, int] = Field(
-        description="For each input how many of its values stand for the previous input: the extremes and between."
+        description="For each input, how many of its values represent the previous input: the extremes and between."
     )
     classes: dict[str, int] = Field(
         default_factory=dict,
@@ -205,9 +205,11 @@ class GapSection(Section):
     )
     remainder_within: tuple[RemainderWithin, ...] = Field(
         default=(),
-        description="Boxes of the states in which more is left, such as near rest, where dry friction sticks; in cells "
-        "that a box touches its numbers stand in place of `remainder` where they are larger. A bound that is no table "
-        "of cells takes them everywhere.",
+        description=(
+            "Boxes of the states in which more is left, such as near rest, where dry friction sticks; in cells that "
+            "a box touches, its numbers replace `remainder` where they are larger. A bound that is not a table of "
+            "cells takes them everywhere."
+        ),
     )
     confidence: float = Field(0.95, gt=0.5, lt=1.0, description="Of the Clopper-Pearson bound.")
     envelope_nodes: int = Field(200_000, ge=16, description="envelope: most numbers in the table that is saved.")

@@ -136,11 +136,11 @@ def _check_keys(node: yaml.MappingNode) -> None:
         line = key.start_mark.line + 1
         if not isinstance(key, yaml.ScalarNode) or key.tag in (_NULL, _BOOL, _INT, _FLOAT):
             told = f"the key {excerpt(repr(key.value))}" if isinstance(key, yaml.ScalarNode) else "a list or mapping"
-            problem = f"{told} is no name; names that look like numbers need quotes"
+            problem = f"{told} is not a name; names that look like numbers need quotes"
             raise ConstructorError(None, None, problem, key.start_mark)
         if key.value in lines:
             first = lines[key.value]
-            problem = f"the key {excerpt(repr(key.value))} stands there twice, first in line {first}"
+            problem = f"the key {excerpt(repr(key.value))} appears twice, first in line {first}"
             raise ConstructorError(None, None, problem, key.start_mark)
         lines[key.value] = line
 
@@ -170,7 +170,7 @@ def case_content(path: Path, above: tuple[Path, ...] = ()) -> Any:
     name = content.pop("extends")
     if not isinstance(name, str) or Path(name).name != name:
         raise UserError(
-            f"{excerpt(repr(name))} is no case file of this folder",
+            f"{excerpt(repr(name))} is not a case file of this folder",
             file=path,
             key="extends",
             remedy="Give its file name, such as pendulum.yaml.",
@@ -212,7 +212,7 @@ def parse_case(content: Any, path: Path, plugins_beside: Path | None = None) -> 
     """Check the content of a case file; plug-in files stand beside `path`, or beside `plugins_beside`."""
     if not isinstance(content, dict):
         raise UserError(
-            "this is no case: it holds no keys", file=path,
+            "this is not a case: it has no keys", file=path,
             remedy="A case starts with `name:` and `plant:`; `simgap new NAME --urdf FILE` writes one.",
         )  # fmt: skip
     return validated(Case, content, path, (plugins_beside or path).parent)
@@ -259,7 +259,7 @@ def _user_error(mistake: _Mistake, count: int, file: Path | str) -> UserError:
     elif kind == "value_error":
         problem = problem.removeprefix("Value error, ")
     elif key == "name" and kind == "string_pattern_mismatch":
-        problem = f"{excerpt(repr(first['input']))} is no name of a case: results are kept in a folder of that name"
+        problem = f"{excerpt(repr(first['input']))} is not a valid case name: results go to a folder of that name"
         remedy = "Use lower-case letters a to z, digits, - and _, beginning with a letter; `title` may hold anything."
     else:
         problem, remedy = _problem_and_remedy(first)
@@ -331,4 +331,4 @@ def _problem_and_remedy(error: Mapping[str, Any]) -> tuple[str, str | None]:
 
 def _choice(expected: str, given: Any, got: str) -> tuple[str, str]:
     known = [word.strip().strip("'") for part in expected.split(" or ") for word in part.split(",")]
-    return f"no choice is called {got}", nearest(str(given), known)
+    return f"there is no choice {got}", nearest(str(given), known)

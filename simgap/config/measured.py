@@ -226,7 +226,7 @@ class MeasuredSection(Section):
         default_factory=TimeMap, description="The column of time stamps."
     )
     trace_column: str = Field(
-        default="trace", description="Column that tells the traces of one file apart, if it is there."
+        default="trace", description="Column that separates the traces of one file, if there is one."
     )
     masks: tuple[Mask, ...] = Field(default=(), description="Time ranges to keep or to drop.")
     conditions: tuple[Condition, ...] = Field(
@@ -236,8 +236,10 @@ class MeasuredSection(Section):
     )
     conditions_from: dict[str, Annotated[ConditionColumn, BeforeValidator(bare_column, str | ConditionColumn)]] = Field(
         default_factory=dict,
-        description="Such parameters whose values stand in a column of each file (or beside the samples of a JSON "
-        "file): parameter -> its column.",
+        description=(
+            "Such parameters with their values in a column of each file (or beside the samples of a JSON file): "
+            "parameter -> its column."
+        ),
     )
     payloads: tuple[PayloadSection, ...] = Field(
         default=(),
@@ -290,7 +292,7 @@ class MeasuredSection(Section):
     )
     into_simulator: bool | None = Field(
         default=None,
-        description="hardware: whether the simulator of the corrected case acts out the effects too. By default the "
+        description="hardware: whether the simulator of the corrected case also simulates the effects. By default the "
         "version with the smaller error on the confirming recordings is taken; where that cannot be "
         "decided, a simulator made of the nominal model gets them and one with a model of its own does not.",
     )
@@ -299,5 +301,5 @@ class MeasuredSection(Section):
     def _one_source_each(self) -> MeasuredSection:
         twice = [name for name in self.conditions_from if any(name in c.values for c in self.conditions)]
         if twice:
-            raise ValueError(f"{twice} stand in conditions and in conditions_from: remove them from one")
+            raise ValueError(f"{twice} are both in conditions and in conditions_from: remove them from one")
         return self

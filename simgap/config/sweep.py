@@ -30,7 +30,7 @@ class Sweep(Section):
     """A sweep file."""
 
     case: str = Field(description="Case file, relative to the sweep file.")
-    title: str = Field("", description="What the page is headed with.")
+    title: str = Field("", description="Title of the page.")
     mode: Literal["grid", "zip", "list"] = Field(
         "grid",
         description="grid: every combination. zip: the first values, the second ones, ... list: the `points`, one by "
@@ -96,7 +96,7 @@ def points_of_sweep(path: Path) -> list[Point]:
         problem = "there is no point" if not rows else f"there are more than {MOST_POINTS} points"
         raise UserError(problem, file=path, key="axes", remedy="Give other values.")
     if any(row in rows[:k] for k, row in enumerate(rows)):
-        raise UserError("a point stands there twice", file=path, key="points" if listed else "axes")
+        raise UserError("a point appears twice", file=path, key="points" if listed else "axes")
     base = path.parent / sweep.case
     content = case_content(base)
     parse_case(copy.deepcopy(content), base)  # a mistake of its own is told with its own file
@@ -130,5 +130,5 @@ def _set(content: dict[str, Any], key: str, value: Any, path: Path) -> None:
     for part in parents:
         place = place.setdefault(part, {})
         if not isinstance(place, dict):
-            raise UserError(f"'{part}' holds no keys", file=path, key=f"axes.{key}", remedy="Correct the dotted key.")
+            raise UserError(f"'{part}' has no keys", file=path, key=f"axes.{key}", remedy="Correct the dotted key.")
     place[last] = value

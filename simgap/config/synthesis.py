@@ -24,7 +24,7 @@ class SynthesisSection(Section):
     nominal_between_samples: bool = Field(
         False,
         description="Whether the nominal-only controller also checks what its model does between samples; by "
-        "default, as in the paper, it looks at the sampling instants only.",
+        "default, as in the paper, it considers the sampling instants only.",
     )
     record: Literal["all", "one"] = Field(
         "all",

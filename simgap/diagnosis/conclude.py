@@ -188,7 +188,7 @@ def _floor(problem: Problem, held: HeldOut, horizon_s: float) -> Judged:
 def _of_no_size(every: Sequence[FoundEffect], small: Collection[Key]) -> tuple[str, ...]:
     """Faults of the recording that are told of and allowed for, and are no findings."""
     found = fitted_faults(e for e in every if (e.name, e.on) in small)
-    return tuple(f"{f.sentence} It is of no practical size and allowed for." for f in found)
+    return tuple(f"{f.sentence} It is negligible in practice and allowed for." for f in found)
 
 
 def _warnings(watch: Watch, held: HeldOut, kept: Explanation, horizon_s: float) -> tuple[str, ...]:
@@ -196,14 +196,14 @@ def _warnings(watch: Watch, held: HeldOut, kept: Explanation, horizon_s: float) 
     if watch.stopped:
         said.append(f"{watch.stopped}: the answer is the best of {watch.sets} sets of effects that were fitted.")
     if not kept.fit.converged:
-        said.append("The last fit had not settled: take its numbers with care.")
+        said.append("The last fit had not converged: treat its numbers with care.")
     if held.stray and held.at_noise:
         said.append(
-            f"Readings of the fold that confirms ({held.stray}) are gross errors, {LIMIT:.2g} noises off and more: "
+            f"Readings of the confirming data ({held.stray}) are gross errors, {LIMIT:.2g} times the noise or more: "
             "noise with heavy tails, or bad readings."
         )
     if horizon_s > 0 and held.horizon is None:
-        said.append("No stretch of the fold that confirms is as long as the horizon: the errors are within windows.")
+        said.append("No stretch of the confirming data is as long as the horizon: the errors are within windows.")
     return tuple(said)
 
 
@@ -298,10 +298,10 @@ def nearest(
     if not found.members or share < MATTERS:
         return None
     reasons = (
-        (not evidence.carries, "it does not surely predict better by a tenth"),
+        (not evidence.carries, "it does not significantly predict better by a tenth"),
         (not evidence.agree, "halves of the data give different numbers"),
         (not found.physical, "the numbers are not physical"),
-        (not found.fit.converged, "the fit had not settled"),
+        (not found.fit.converged, "the fit had not converged"),
         (all(c.of_recording for c in found.members), "it is a fault of the recording, and more than noise is left"),
     )
     effects = answer.found_effects(full, found, (), evidence.after, at_floor, model)
@@ -384,8 +384,8 @@ def better(others: Sequence[Rival], found: Explanation) -> tuple[str, ...]:
         return ()
     named = joined([c.effect.phrase(c.on) for c in best.members])
     return (
-        f"Among the alternatives {named} fits better (BIC lower by {found.bic - best.bic:.0f}), but did not carry over "
-        "to the data that choose as well, or was found after they chose.",
+        f"Among the alternatives {named} fits better (BIC lower by {found.bic - best.bic:.0f}), but not on the data "
+        "that choose, or it was found after the choice.",
     )
 
 

@@ -50,7 +50,7 @@ class _Registry(Mapping[str, Effect]):
 def _instance(name: str) -> Effect:
     made = plugins.find("effects", name)()
     if not isinstance(made, Effect) or made.name != name:
-        raise UserError(f"the plug-in '{name}' is no effect of that name", remedy="Derive it from simgap's Effect.")
+        raise UserError(f"the plug-in '{name}' is not an effect of that name", remedy="Derive it from simgap's Effect.")
     return made
 
 
@@ -64,7 +64,7 @@ def effect(name: str) -> Effect:
         UserError: an unknown name, with the known ones.
     """
     if name not in EFFECTS:
-        raise UserError(f"no effect is called '{name}'", remedy=f"Known: {', '.join(EFFECTS)}.")
+        raise UserError(f"there is no effect '{name}'", remedy=f"Known: {', '.join(EFFECTS)}.")
     return EFFECTS[name]
 
 

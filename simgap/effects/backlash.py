@@ -29,7 +29,7 @@ class Backlash(DriveTrainEffect):
     jerks = True
     formula = "I p'' = u - T, link: T in the place of u, T = 0 while |p - q| < b/2, else what keeps it at the stop"
     source = "Nordin, Gutman (2002), Controlling Mechanical Systems with Backlash, Automatica 38(10), sec. 3"
-    excitation = "let the input change its sign often, by small and by large steps"
+    excitation = "reverse the input often, in small and large steps"
     parameters = (
         EffectParameter(
             "b", "{position}", "width of the gap at the joint", null=0.0, lower=0.0, shape=True, times=_REBOUND

@@ -118,7 +118,7 @@ class Effect(ABC):
     """What motion would tell it apart from another effect with the same words."""
     reading_remedy: ClassVar[str] = ""
     """What to do about an effect of the readings alone, which a simulator's twin must not act out."""
-    needs: ClassVar[str] = "nothing that every plant does not have"
+    needs: ClassVar[str] = "nothing beyond what every plant has"
     """What a plant must have for it, told where it has no target."""
 
     @abstractmethod

@@ -42,7 +42,7 @@ class MemoryInputEffect(InputEffect):
     """
 
     remembers: ClassVar[bool] = True
-    excitation: ClassVar[str] = "add faster changes of the input"
+    excitation: ClassVar[str] = "add faster input changes"
 
     def delay(self, values: Values) -> sp.Expr:
         """Seconds until a command begins to act."""

@@ -16,7 +16,7 @@ class CoulombFriction(CoordinateEffect):
     name = "coulomb_friction"
     formula = "F = -F_c sign(v), and any |F| <= F_c that keeps v = 0"
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7), sec. 2"
-    excitation = "vary the speed, slow ones too"
+    excitation = "vary the speed, including slow motion"
     parameters = (EffectParameter("F_c", "{force}", "Coulomb friction force", null=0.0, lower=0.0),)
     hides_columns = True
     mjcf = MjcfPlace("joint", ("frictionloss",))

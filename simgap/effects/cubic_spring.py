@@ -14,7 +14,7 @@ class CubicSpring(CoordinateEffect):
     formula = "F = -k3 q^3"
     source = "Nayfeh, Mook (1979), Nonlinear Oscillations, sec. 4.1 (Duffing)"
     pulls_to_a_place = True
-    excitation = "swing wider: these differ with the angle"
+    excitation = "swing wider: their forces differ with the angle"
     parameters = (EffectParameter("k3", "{force}/{position}^3", "cubic stiffness", null=0.0),)
     mjcf = MjcfPlace("joint", ("stiffness",), power=2)
 

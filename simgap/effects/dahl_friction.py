@@ -18,10 +18,12 @@ class DahlFriction(MemoryForceEffect):
     second = True
     formula = "F = -F_c z, dz/dt = (v - |v| z) / d"
     source = "Dahl (1968), A Solid Friction Model, Aerospace Corp. TOR-0158(3107-18)-1 (i = 1, stiffness F_c / d)"
-    excitation = "turn round often, with small movements and large ones"
+    excitation = "reverse often, with small and large movements"
     parameters = (
         EffectParameter("F_c", "{force}", "friction force when sliding", null=0.0, lower=0.0),
-        EffectParameter("d", "{position}", "way in which the force turns round", null=0.05, lower=1e-6, shape=True),
+        EffectParameter(
+            "d", "{position}", "displacement over which the force reverses", null=0.05, lower=1e-6, shape=True
+        ),
     )
 
     def starts(self, scales: Scales) -> tuple[Start, ...]:

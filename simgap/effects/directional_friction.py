@@ -24,7 +24,7 @@ class DirectionalFriction(CoordinateEffect):
     contains = CoulombFriction
     formula = "F = -F_p for v > 0, F_m for v < 0, and any force from -F_p to F_m that keeps v = 0"
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7), sec. 2 (friction asymmetry)"
-    excitation = "vary the speed, slow ones too"
+    excitation = "vary the speed, including slow motion"
     parameters = (
         EffectParameter("F_p", "{force}", "friction force forwards", null=0.0, lower=0.0),
         EffectParameter("F_m", "{force}", "friction force backwards", null=0.0, lower=0.0),

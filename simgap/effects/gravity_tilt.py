@@ -22,7 +22,7 @@ class GravityTilt(Effect):
     formula = "g' = R(-tilt) g, R a rotation about the horizontal axis normal to the plane of motion"
     source = "Siciliano et al. (2009), Robotics, sec. 7.3 (gravity in the base frame)"
     rank = PLANT + 10
-    excitation = "swing wider: these differ with the angle"
+    excitation = "swing wider: their forces differ with the angle"
     parameters = (EffectParameter("tilt", "rad", "angle of the base", null=0.0, lower=-math.pi / 2, upper=math.pi / 2),)
 
     def targets(self, model: SymbolicModel) -> tuple[str, ...]:

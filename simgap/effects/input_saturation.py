@@ -21,7 +21,7 @@ class InputSaturation(StaticInputEffect):
     formula = "u' = max(-limit, min(u, limit))"
     source = "Tarbouriech et al. (2011), Stability and Stabilization of Linear Systems with Saturating Actuators, ch. 1"
     rank = COMMAND + 10
-    parameters = (EffectParameter("limit", "{input}", "largest size of the input", null=math.inf, lower=0.0),)
+    parameters = (EffectParameter("limit", "{input}", "largest input", null=math.inf, lower=0.0),)
 
     def starts(self, scales: Scales) -> tuple[Start, ...]:
         """Limits at several shares of the largest command."""

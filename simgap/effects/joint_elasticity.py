@@ -17,7 +17,7 @@ class JointElasticity(DriveTrainEffect):
     name = "joint_elasticity"
     formula = "I p'' = u - T, link: T in the place of u, T = k (p - q) + c (p' - v)"
     source = "Spong (1987), Modeling and Control of Elastic Joint Robots, J. Dyn. Syst. Meas. Control 109(4)"
-    excitation = "add faster changes of the input, near the resonance"
+    excitation = "add faster input changes, near the resonance"
     parameters = (
         EffectParameter("I", "{force}*s^2/{position}", "inertia of the motor at the joint", null=0.0, lower=0.0),
         EffectParameter("k", "{force}/{position}", "stiffness of the joint", null=0.0, lower=0.0, shape=True),

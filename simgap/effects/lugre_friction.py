@@ -26,10 +26,12 @@ class LuGreFriction(MemoryForceEffect):
     contains = DahlFriction
     formula = "F = -F_c z - sigma_1 d dz/dt, dz/dt = (v - |v| z / s(v)) / d, s(v) = 1 + rise exp(-(v/v_s)^2)"
     source = "Canudas de Wit, Olsson, Astrom, Lischinsky (1995), IEEE Trans. Automatic Control 40(3)"
-    excitation = "turn round often, with small slow movements and large fast ones"
+    excitation = "reverse often, with small slow and large fast movements"
     parameters = (
         EffectParameter("F_c", "{force}", "friction force when sliding fast", null=0.0, lower=0.0),
-        EffectParameter("d", "{position}", "way in which the force turns round", null=0.05, lower=1e-6, shape=True),
+        EffectParameter(
+            "d", "{position}", "displacement over which the force reverses", null=0.05, lower=1e-6, shape=True
+        ),
         EffectParameter("rise", "1", "breakaway force over F_c, less 1", null=0.4, lower=0.0, shape=True),
         EffectParameter("v_s", "{position}/s", "Stribeck speed", null=0.1, lower=1e-6, shape=True),
         EffectParameter(

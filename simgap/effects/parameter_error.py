@@ -17,7 +17,7 @@ class ParameterError(Effect):
     formula = "p' = ratio p"
     source = "Ljung (1999), System Identification, sec. 4.2"
     rank = PLANT
-    excitation = "swing wider: these differ with the angle"
+    excitation = "swing wider: their forces differ with the angle"
     parameters = (EffectParameter("ratio", "1", "true over declared value", null=1.0, lower=1e-3, upper=1e3),)
     mjcf = MjcfPlace("body", ("mass", "inertia", "fullinertia"), quantity="mass")
 

@@ -13,7 +13,7 @@ class QuadraticDrag(CoordinateEffect):
     name = "quadratic_drag"
     formula = "F = -c v |v|"
     source = "Batchelor (1967), An Introduction to Fluid Dynamics, sec. 5.11"
-    excitation = "vary the speed, slow ones too"
+    excitation = "vary the speed, including slow motion"
     parameters = (EffectParameter("c", "{force}*s^2/{position}^2", "drag coefficient", null=0.0, lower=0.0),)
     mjcf = MjcfPlace("joint", ("damping",), power=1)
 

@@ -24,7 +24,7 @@ class ReflectedInertia(CoordinateTarget):
     formula = "M' = M + I e e^T, e the coordinate"
     source = "Siciliano et al. (2009), Robotics, sec. 7.2.1 (rotor inertia times the gear ratio squared)"
     rank = PLANT + 40
-    excitation = "vary the speed, and add faster changes of the input"
+    excitation = "vary the speed, and add faster input changes"
     parameters = (EffectParameter("I", "{force}*s^2/{position}", "reflected inertia", null=0.0, lower=0.0),)
     mjcf = MjcfPlace("joint", ("armature",))
 

@@ -22,7 +22,7 @@ class SensorGain(Effect):
     formula = "y = ratio x"
     source = "Ljung (1999), System Identification, sec. 14.1"
     rank = SENSOR
-    reading_remedy = "Divide what the sensor reads by its gain; the motion is as it was."
+    reading_remedy = "Divide the readings by the gain; the motion itself is unchanged."
     excitation = "swing wider, or measure another state too"
     parameters = (EffectParameter("ratio", "1", "reading over truth", null=1.0, lower=1e-3, upper=1e3),)
 

@@ -15,7 +15,7 @@ class SensorOffset(Effect):
     formula = "y = x + offset"
     source = "Ljung (1999), System Identification, sec. 14.1"
     rank = SENSOR
-    reading_remedy = "Subtract the sensor's offset from what it reads; the motion is as it was."
+    reading_remedy = "Subtract the offset from the readings; the motion itself is unchanged."
     parameters = (EffectParameter("offset", "{state}", "reading minus truth", null=0.0),)
 
     def targets(self, model: SymbolicModel) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ class Spring(CoordinateEffect):
     formula = "F = -k q"
     source = "Hooke's law"
     pulls_to_a_place = True
-    excitation = "swing wider: these differ with the angle"
+    excitation = "swing wider: their forces differ with the angle"
     parameters = (EffectParameter("k", "{force}/{position}", "stiffness", null=0.0, lower=0.0),)
     mjcf = MjcfPlace("joint", ("stiffness",))
 

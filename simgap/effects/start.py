@@ -12,7 +12,7 @@ class Scales:
 
     Attributes:
         interval: median sampling interval, s.
-        command: largest size of the input that the effect would act on, or that drives its coordinate (1 for none).
+        command: largest input that the effect would act on, or that drives its coordinate (1 for none).
         speed: root mean square speed of the coordinate that it would act on (1 if it acts on none).
         inertia: of that coordinate as declared, with all others free, where it stands at 0.
         places: lowest and highest place where that coordinate was read (the same number twice if it was not).

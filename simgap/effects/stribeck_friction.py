@@ -21,7 +21,7 @@ class StribeckFriction(CoordinateEffect):
     contains = CoulombFriction
     formula = "F = -(F_c + (F_s - F_c) exp(-(v/v_s)^2)) sign(v), and any |F| <= F_s that keeps v = 0"
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7), eq. 2"
-    excitation = "vary the speed, slow ones too"
+    excitation = "vary the speed, including slow motion"
     parameters = (
         EffectParameter("F_c", "{force}", "Coulomb friction force", null=0.0, lower=0.0),
         EffectParameter("F_s", "{force}", "breakaway force, at least F_c", null=0.0, lower=0.0),

@@ -30,8 +30,8 @@ class TorqueSpeedLimit(DriveEffect):
     source = "Spong, Hutchinson, Vidyasagar (2006), Robot Modeling and Control, sec. 6.1 (torque-speed curve)"
     excitation = "command large inputs at rest and at speed, driving and braking"
     parameters = (
-        EffectParameter("T_s", "{input}", "largest size of the input at rest", null=math.inf, lower=0.0),
-        EffectParameter("k", "{input}*s/{position}", "fall of the limit with the speed", null=0.0, lower=0.0),
+        EffectParameter("T_s", "{input}", "largest input at rest", null=math.inf, lower=0.0),
+        EffectParameter("k", "{input}*s/{position}", "decrease of the limit with speed", null=0.0, lower=0.0),
     )
 
     def starts(self, scales: Scales) -> tuple[Start, ...]:

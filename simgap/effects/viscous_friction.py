@@ -13,7 +13,7 @@ class ViscousFriction(CoordinateEffect):
     name = "viscous_friction"
     formula = "F = -b v"
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7), sec. 2"
-    excitation = "vary the speed, slow ones too"
+    excitation = "vary the speed, including slow motion"
     parameters = (EffectParameter("b", "{force}*s/{position}", "viscous coefficient", null=0.0, lower=0.0),)
     hides_columns = True
     mjcf = MjcfPlace("joint", ("damping",))

@@ -164,7 +164,7 @@ def _sets(document: Mapping[str, Any], found: Path) -> tuple[Explained, ...]:
         )  # fmt: skip
     if not document["effects"]:
         raise UserError(
-            f"the verdict is '{document['verdict']}', so that there are no explanations to tell apart",
+            f"the verdict is '{document['verdict']}', so there are no explanations to separate",
             file=found / DIAGNOSIS, remedy="Diagnose a recording with more motion first.",
         )  # fmt: skip
     answer = tuple(
@@ -223,7 +223,7 @@ def _stamps(context: Context, record: Record, settings: DiagnosisSettings, secon
 def _start(context: Context, names: tuple[str, ...], allowed: Box, given: Mapping[str, float]) -> Floats:
     unknown = sorted(set(given) - set(names))
     if unknown:
-        raise UserError(f"{unknown} are no states", key="--start", remedy=f"States: {list(names)}.")
+        raise UserError(f"{unknown} are not states", key="--start", remedy=f"States: {list(names)}.")
     own = {n: float(np.clip(0.0, lo, hi)) for n, lo, hi in zip(context.states, allowed.lo, allowed.hi, strict=True)}
     return np.array([given.get(n, own.get(n, 0.0)) for n in names])
 

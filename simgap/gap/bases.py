@@ -34,7 +34,7 @@ class Monomials(BasisSection):
         count = comb(len(states) + self.degree, self.degree) * 2 ** len(inputs)  # at most
         if count > MOST:
             raise UserError(
-                f"degree {self.degree} has {count:.2g} terms", key="gap.basis.degree", remedy="Take a lower degree."
+                f"degree {self.degree} has {count:.2g} terms", key="gap.basis.degree", remedy="Use a lower degree."
             )
         top = [self.degree] * len(states) + [1] * len(inputs)
         powers = [p for p in product(*(range(t + 1) for t in top)) if sum(p) <= self.degree]

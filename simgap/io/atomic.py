@@ -23,7 +23,7 @@ from simgap.errors import UserError
 KILL_AT = "SIMGAP_KILL_AT"
 """Environment variable, for tests alone: the number of the place in a write at which the process group is killed."""
 _REMOVE = "Remove it, or name the place that it leads to."
-_NO_FOLDER = "is no folder, and results go below it"
+_NO_FOLDER = "is not a folder, but results go below it"
 _passed = itertools.count(1)
 
 

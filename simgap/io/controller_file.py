@@ -57,7 +57,7 @@ def controller_from(about: Mapping[str, Any], arrays: Arrays) -> Controller:
     wanted = (len(input_set) if late else 1) * (1 if kind is None else int(kind.max()) + 1)
     require(type(memory) is int and memory == wanted, f"memory {memory!r:.40} cannot be")
     require(type(first) is int and 0 <= first < memory, f"it cannot begin with memory {first!r:.40}")
-    require(isinstance(statistics, dict) and isinstance(about["provenance"], dict), "its metadata is no mapping")
+    require(isinstance(statistics, dict) and isinstance(about["provenance"], dict), "its metadata is not a mapping")
     mask, chosen = _inputs(arrays, grid.size * memory, len(input_set))
     solution = Solution(
         grid=grid,
@@ -152,7 +152,7 @@ def _check_sets(s: Solution) -> None:
 
 
 REMEDY = "Run the synthesis stage again."
-FEWER = "Take another machine, fewer cells (synthesis.cells) or fewer inputs (domain.U)."
+FEWER = "Use a machine with more memory, fewer cells (synthesis.cells) or fewer inputs (domain.U)."
 CHECKSUM = "sha256"
 _NEEDED = {"about", "box", "cells", "input_set", "winning", "free"}
 _INPUTS = ("mask", "chosen", "acting")  # arrays that say which inputs are admissible, most of a file's bytes

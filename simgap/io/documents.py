@@ -64,7 +64,7 @@ def read_json(path: Path) -> dict[str, Any]:
     except (OSError, ValueError, RecursionError) as error:
         raise UserError(f"damaged: {excerpt(error)}", file=path, remedy=REMEDY) from None
     if not isinstance(content, dict) or CHECKSUM not in content:
-        raise UserError("damaged: no result of simgap, or one without its checksum", file=path, remedy=REMEDY)
+        raise UserError("damaged: not a result of simgap, or its checksum is missing", file=path, remedy=REMEDY)
     stated = content.pop(CHECKSUM)
     if stated != checksum(content):
         raise UserError(
@@ -80,7 +80,7 @@ def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(content) < len(pairs):
         seen: set[str] = set()
         twice = next(key for key, _ in pairs if key in seen or seen.add(key))  # type: ignore[func-returns-value]
-        raise ValueError(f"the key {excerpt(repr(twice))} stands there twice")
+        raise ValueError(f"the key {excerpt(repr(twice))} appears twice")
     return content
 
 
@@ -92,4 +92,4 @@ def _finite(text: str) -> float:
 
 
 def _no_constant(name: str) -> Any:
-    raise ValueError(f"{name} is no number of JSON")
+    raise ValueError(f"{name} is not a JSON number")

@@ -88,6 +88,6 @@ def refuse_free_path(context: Context) -> None:
         state, shorter = context.states[full[0]], enough(flow, region, context.input_set, tau, none)
         raise UserError(
             f"between samples {state} may stray by {reach[full[0]]:.3g} {pretty_unit(context.units[state])}, by "
-            "the nominal model's rates over X and U, and that is left free on each side: nothing of X stays",
+            "the nominal model's rates over X and U, and that margin on each side leaves nothing of X",
             key="domain.tau", remedy=f"Shorten tau{f' to about {shorter:g} s' if shorter else ''}, or shrink X.",
         )  # fmt: skip

@@ -83,7 +83,7 @@ def _beside(context: Context, stages: int) -> StageCost:
     """Cost of what no stage computes."""
     shards = context.case.grid.shards if context.case.grid is not None else 2
     jobs = stages + 2 * (len(context.states) - 1) + shards + 4  # a state each in `scp`, `lipschitz`; two controllers
-    of = "jobs to be begun, check, page and recording"
+    of = "jobs started, check, page and recording"
     return StageCost("workflow", jobs, of, BESIDE + JOB * jobs, BYTES, "budget.time")
 
 
@@ -194,7 +194,7 @@ def _control(context: Context, rollout: float, begun: float) -> Iterator[StageCo
         if not wheeled:
             seconds, held = seconds + MARGIN * cells * inputs, held + MARGIN_BYTES * (1 + len(context.states)) * cells
         of_cells = held > 4 * BYTES or seconds > 2 * asked * rollout  # most of it is not for the steps
-        of, key = "steps of an adversary", "audit.evaluations"
+        of, key = "steps of the adversary", "audit.evaluations"
         if of_cells:
             of, key = f"{of} on {cells:,} cells", "synthesis.cells"
         yield StageCost("audit", asked, of, seconds, held, key)

@@ -77,7 +77,7 @@ def named_files(context: Context, section: MeasuredSection) -> list[Path]:
 def _refuse_effects(section: MeasuredSection) -> None:
     for k, name in enumerate(section.effects):
         if name not in EFFECTS:
-            raise UserError(f"no effect is called '{name}'", key=f"measured.effects.{k}", remedy=nearest(name, EFFECTS))
+            raise UserError(f"there is no effect '{name}'", key=f"measured.effects.{k}", remedy=nearest(name, EFFECTS))
 
 
 def refuse_unknown(section: MeasuredSection, model: SymbolicModel) -> None:

@@ -32,7 +32,7 @@ def find_bolted_base(context: Context) -> list[Finding]:
     return [
         Finding(
             BOLTED, f"{base.words}, and here its base is bolted to the world, in the model and in the engine",
-            "Leave it so for a robot on a stand; one that stands or drives needs equations of its own.",
+            "Leave it for a robot on a stand; one that stands or drives needs equations of its own.",
         )
     ]  # fmt: skip
 
@@ -55,7 +55,7 @@ def find_other_wheel_sizes(context: Context) -> list[Finding]:
     for key, own, stated in sizes:
         differs = f"{own:g} m, where the wheels of {urdf.name} have {stated:g} m"
         if max(own / stated, stated / own) > REFUSED:
-            raise UserError(differs, key=f"simulator.{key}", remedy=f"Set it to {stated:g}, or mend the URDF.")
+            raise UserError(differs, key=f"simulator.{key}", remedy=f"Set it to {stated:g}, or correct the URDF.")
         if abs(own / stated - 1.0) > SAID:
             remedy = "Leave it, if it was calibrated: the robot then drives as these numbers say, the model as its own"
             apart.append(Finding(f"simulator.{key}", differs, remedy))
@@ -110,10 +110,10 @@ def _refuse_another_way(drive: Drive, section: Any, urdf: Path) -> None:
         )
     if share < -STANDS:
         if drive.straight:
-            refuse("drives backwards", "Turn the <axis> of both wheels round: 0 1 0 drives along x.")
+            refuse("drives backwards", "Reverse the <axis> of both wheels: 0 1 0 drives along x.")
         refuse("turns the other way", f"Exchange them: left: {section.right}, right: {section.left}.", "simulator.left")
     if share < STANDS:
-        _refuse_standing(drive, section, urdf, f"{told}, the robot all but stands still", both)
+        _refuse_standing(drive, section, urdf, f"{told}, the robot hardly moves", both)
 
 
 def _refuse_standing(drive: Drive, section: Any, urdf: Path, problem: str, both: str) -> NoReturn:

@@ -56,7 +56,7 @@ def parse(text: str | float, names: Iterable[str]) -> sp.Expr:
 
     Raises:
         UserError: for anything but numbers, the names, + - * / ^ and the functions listed in `FUNCTIONS`, for what is
-            above the limits of this module, and where a part is no finite real number, such as 1/0 or sqrt(-1).
+            above the limits of this module, and where a part is not a finite real number, such as 1/0 or sqrt(-1).
     """
     text = str(text)
     told = f"'{excerpt(text, 60)}'"
@@ -146,7 +146,7 @@ class _Reader:
         try:
             return self._number(function(*values) if simple else function(*values, evaluate=False))
         except (TypeError, ValueError):  # SymPy: such as the larger of two things that are not real
-            raise self._refused(f"has a {name} that is no real number", "Correct it.") from None
+            raise self._refused(f"has a {name} that is not a real number", "Correct it.") from None
 
     def _name(self, name: str) -> sp.Expr:
         if name in self.known:
@@ -159,12 +159,12 @@ class _Reader:
     def _number(self, value: sp.Expr) -> sp.Expr:
         """The value; checked if it is a number, so that no power or function is taken of an infinite or a huge one."""
         if value.is_number and not _is_finite_real(value):
-            raise self._refused("has a part that is no finite real number", "Correct it.")
+            raise self._refused("has a part that is not a finite real number", "Correct it.")
         return value
 
     def _not_negative(self, value: sp.Expr) -> None:
         if value.is_extended_negative:  # whatever the names in it stand for
-            raise self._refused("has a part that is no finite real number", "Correct it.")
+            raise self._refused("has a part that is not a finite real number", "Correct it.")
 
     def _refused(self, problem: str, remedy: str) -> UserError:
         return UserError(f"{self.told} {problem}", remedy=remedy)
@@ -181,10 +181,10 @@ def _is_finite_real(value: sp.Expr) -> bool:
 
 
 def _whole(value: sp.Expr, told: str) -> sp.Expr:
-    """The value; refused where constants that met made a part no finite real number, as in sqrt(-1)*x."""
+    """The value; refused where constants that met made a part not a finite real number, as in sqrt(-1)*x."""
     numbers = all(abs(n) <= LARGEST_NUMBER for n in value.atoms(sp.Number)) if not no_number(value) else False
     if not numbers or (value.is_number and not _is_finite_real(value)):
-        raise UserError(f"{told} has a part that is no finite real number", remedy="Correct it.")
+        raise UserError(f"{told} has a part that is not a finite real number", remedy="Correct it.")
     return value
 
 

@@ -143,14 +143,14 @@ class SymbolicModel:
         """xdot with every parameter replaced by its declared number.
 
         Raises:
-            UserError: where that is no finite real number, such as 1/m with m = 0.
+            UserError: where that is not a finite real number, such as 1/m with m = 0.
         """
         values = self.values()
         found = tuple(sp.sympify(e).subs(values) for e in self.xdot)
         for state, rate in zip(self.states, found, strict=True):
             if no_number(rate):
                 raise UserError(
-                    f"the rate of '{state.name}' is no finite real number with the declared parameters",
+                    f"the rate of '{state.name}' is not a finite real number with the declared parameters",
                     key="plant",
                     remedy="Correct the parameters or the equation.",
                 )

@@ -63,7 +63,7 @@ def force_columns(
         gains = c.force_map if c.force_map is not None else {c.velocity: str(c.force_gain)}
         unknown = sorted(set(gains) - {other.velocity for other in written.coordinates.values()})
         if unknown:
-            raise UserError(f"{unknown} are no velocities of coordinates", key=f"{key}.force_map")
+            raise UserError(f"{unknown} are not velocities of coordinates", key=f"{key}.force_map")
         where = f"{key}.force_map" if c.force_map is not None else f"{key}.force_gain"
         read = {n: parsed(text, where if c.force_map is None else f"{where}.{n}") for n, text in gains.items()}
         columns[name] = tuple(read.get(n, sp.Integer(0)) for n in states)
@@ -108,7 +108,7 @@ def _check_mass_matrix(written: SymbolicPlant, matrix: sp.Matrix, positions: Seq
         try:
             m = np.array(matrix.subs(here).tolist(), dtype=np.float64)
         except TypeError:
-            raise UserError("the mass matrix is no finite real number everywhere", key=_KEY) from None
+            raise UserError("the mass matrix is not a finite real number everywhere", key=_KEY) from None
         if not np.allclose(m, m.T, rtol=_SAME, atol=0.0):
             raise UserError(
                 "the mass matrix is not symmetric", key=_KEY, remedy="Correct the entries off its diagonal."

@@ -191,14 +191,14 @@ def base_of(robot: ElementTree.Element, driven: Collection[str] | None = None, w
     joints = _moving(robot)
     loose = next((j for j in joints if j.kind in ("floating", "planar")), None)
     if loose is not None:
-        return Base("free", f"joint '{excerpt(loose.name, 40)}' is {loose.kind}: a base that moves freely")
+        return Base("free", f"joint '{excerpt(loose.name, 40)}' is {loose.kind}: a floating base")
     trunk, limbs = list[_Joint](), [j for j in joints if j.on is None]
     while len(limbs) == 1:
         trunk += limbs
         limbs = [j for j in joints if j.on == trunk[-1].name]
     slides = [j for j in trunk[:3] if j.kind == "prismatic"]
     if driven is not None and len(slides) > 1 and not {j.name for j in slides} & {*driven}:
-        return Base("free", f"nothing drives {_named(slides)}, on which all else hangs: a base that moves freely")
+        return Base("free", f"nothing drives {_named(slides)}, which carries everything else: a floating base")
     links = {link.get("name"): link for link in robot.findall("link")}
     ends = [j for j in joints if j.kind == "continuous" and j.below == 1]
     named = [j for j in ends if "wheel" in f"{j.name} {j.child}".lower()]
@@ -211,7 +211,7 @@ def base_of(robot: ElementTree.Element, driven: Collection[str] | None = None, w
     base, carried = _masses(robot, joints)
     if world and not anchored and base > carried:
         words = f"its base weighs {base:.3g} kg and all that it carries {carried:.3g} kg"
-        return Base("free", f"{words}, as of one that moves freely")
+        return Base("free", f"{words}, as a floating base does")
     return Base("fixed", "one chain of joints" if not anchored else "it hangs on a link `world`")
 
 

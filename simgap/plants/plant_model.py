@@ -112,7 +112,7 @@ class PlantModel:
             raise UserError(
                 f"the states are {list(states)}, the plant with its lagged inputs has {list(model.state_names)}",
                 key="plant.states",
-                remedy="A state with lag_of is called <input>_lagged, stands last, and its input has an effect that "
+                remedy="A state with lag_of is called <input>_lagged, comes last, and its input has an effect that "
                 "lags, such as input_lag.",
             )
         for name, state in self.section.states.items():

@@ -80,7 +80,7 @@ def check_urdf(path: Path, meshes: bool = True) -> None:
             found = joint.find(end)
             if found is None or found.get("link") not in links:
                 world = found is not None and found.get("link") == "world"
-                remedy = 'Add <link name="world"/>, which Drake alone takes for given.' if world else "Correct it."
+                remedy = 'Add <link name="world"/>, which only Drake assumes.' if world else "Correct it."
                 _refuse(path, joint, f"<{end}> link", "names no link of this file", remedy)
         _check_range(path, joint)
     _check_tree(path, joints)
@@ -144,13 +144,13 @@ def _check_tree(path: Path, joints: Mapping[str, ElementTree.Element]) -> None:
             seen.add(link)
         if link == child:
             ring = ", ".join(f"'{excerpt(n, 40)}'" for n in sorted(seen)[:4])
-            told = f"its chain leads back to it: {ring} hang on each other and on no root"
+            told = f"its chain leads back to it: {ring} hang on each other and not on a root"
             _refuse(
                 path,
                 joints[carried[child]],
                 f"<child> link '{excerpt(child, 40)}'",
                 told,
-                "Hang one of them on the root.",
+                "Attach one of them to the root.",
             )
 
 
@@ -207,7 +207,7 @@ def _by_name(path: Path, parts: list[ElementTree.Element]) -> dict[str, ElementT
     for part in parts:
         name = part.get("name", "")
         if name in named:
-            _refuse(path, part, "name", "stands there twice", "Rename one of them.")
+            _refuse(path, part, "name", "appears twice", "Rename one of them.")
         named[name] = part
     return named
 
@@ -336,7 +336,7 @@ def check_floating_root(path: Path) -> None:
     weighs = mass is not None and float(mass.get("value", "0")) > 0.0
     if not weighs or inertia is None or not any(float(inertia.get(k, "0")) for k in ("ixx", "iyy", "izz")):
         _refuse(
-            path, link, "<inertial>", "the root of a robot that stands freely has no mass and inertia",
+            path, link, "<inertial>", "the root of a free-standing robot has no mass and inertia",
             "Make the chassis the root, its frame midway between the wheels, or give this link its mass and inertia.",
         )  # fmt: skip
 

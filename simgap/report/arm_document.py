@@ -153,17 +153,15 @@ def document(
         "warnings": [*reading.warnings, *look.warnings, *found.warnings],
         "low_pass_hz": found.cut_hz,
         "independent_rows": found.independent,
-        "joints": [{"joint": j, "input": u, "link": link} for j, u, link in _rows(tree, inputs)],
+        "joints": [
+            {"joint": j, "input": u, "link": link} for j, u, link in zip(tree.joints, inputs, tree.links, strict=True)
+        ],
         "survey": look,
         "units": units,
         "provenance": provenance,
     }, fallback=dict)  # fmt: skip
     content["sentence"] = sentence(content)
     return content
-
-
-def _rows(tree: Tree, inputs: Sequence[str]) -> list[tuple[str, str, str]]:
-    return list(zip(tree.joints, inputs, tree.links, strict=True))
 
 
 def _error(rms: Mapping[str, float]) -> dict[str, Any]:

@@ -173,8 +173,8 @@ def model_note(m: Material) -> str:
     bad, runs = tally["runs_that_violated_it"], tally["runs"]
     if is_signed(m.gap):
         return (
-            f"On the nominal model itself the gap-aware controller ends {bad:,} of {runs:,} runs early. That is no "
-            "fault: a signed gap takes the simulator's bias out of the model, so this controller is made for the "
+            f"On the nominal model itself the gap-aware controller ends {bad:,} of {runs:,} runs early. That is "
+            "expected: a signed gap removes the simulator's bias from the model, so this controller is made for the "
             "simulator, and the nominal model is outside its bound."
         )
     return f"On the nominal model itself the gap-aware controller ends {bad:,} of {runs:,} runs early."

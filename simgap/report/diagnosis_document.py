@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 from pydantic_core import to_jsonable_python
@@ -62,11 +63,7 @@ def document(
         "sentences": [],
         "effects": [effect_entry(e) for e in found.effects],
         "recording": found.recording,
-        "error": {
-            "before": _error(found.before),
-            "after": _error(found.after),
-            "noise_floor": _error(found.floor),
-        },
+        "error": {"before": _error(found.before), "after": _error(found.after), "noise_floor": _error(found.floor)},
         "held_out": _fold(found.folds.confirm, reading),
         "folds": {name: _fold(getattr(found.folds, name), reading) for name in ("fit", "choose", "confirm")},
         "number_from": NUMBER_FROM,
@@ -104,11 +101,7 @@ def _judgement(found: Diagnosis) -> dict[str, Any]:
         "at_most": found.at_most,
         "alternatives": [_alternative(a) for a in found.alternatives],
         "indistinguishable": [
-            {
-                "candidates": [_key(c.first), _key(c.second)],
-                "correlation": c.correlation,
-                "advice": c.advice,
-            }
+            {"candidates": [_key(c.first), _key(c.second)], "correlation": c.correlation, "advice": c.advice}
             for c in found.collinear
         ],
     }
@@ -159,12 +152,7 @@ def _key(key: Sequence[str]) -> dict[str, str]:
 
 def effect_entry(e: FoundEffect) -> dict[str, Any]:
     """An effect with its numbers and what could stand in its place."""
-    return {
-        "name": e.name,
-        "on": e.on,
-        "parameters": e.parameters,
-        "alternatives": [[_key(k) for k in alternative] for alternative in e.alternatives],
-    }
+    return asdict(e) | {"alternatives": [[_key(k) for k in alternative] for alternative in e.alternatives]}
 
 
 def _error(j: Judged) -> dict[str, Any]:
@@ -188,13 +176,4 @@ def _covers(stretches: Stretches, reading: Reading, trace: str) -> bool:
 
 
 def _candidate(c: CandidateScore) -> dict[str, Any]:
-    return {
-        "name": c.name,
-        "on": c.on,
-        "score": c.bic_gain if c.bic_gain is not None else c.chi2_drop,
-        "chi2_drop": c.chi2_drop,
-        "bic_gain": c.bic_gain,
-        "chi2_dof": c.chi2_dof,
-        "parameters": c.parameters,
-        "rejected": c.rejected,
-    }
+    return asdict(c) | {"score": c.bic_gain if c.bic_gain is not None else c.chi2_drop}

@@ -21,36 +21,37 @@ TEMPLATE = "diagnosis.html.j2"
 MOST_OVERLAYS, WINDOWS_SHOWN = 2, 6
 MEANING = {
     "none": (
-        "Before any correction of the plant the windows are predicted down to the noise, those of confirm too, and no "
-        "candidate gains enough. Faults of the recording, if any were found, are allowed for."
+        "The declared model predicts all windows, those of confirm too, down to the noise, and no candidate improves "
+        "enough on it. Faults of the recording, if any were found, are allowed for."
     ),
     "attributed": (
-        "With these effects the fit reaches the noise floor, and so do data that were never fitted, which need each "
-        "of them."
+        "With these effects the fit reaches the noise floor, and so do data that were never fitted; each effect is "
+        "needed."
     ),
     "partial": (
         "The effects have their physical sign, agree between folds and significantly lower the error ahead, by a tenth "
         "or more, on data that were never fitted; the noise floor is not reached. They may stand in for another cause."
     ),
     "unexplained": (
-        "No set of effects reaches the noise floor or surely predicts better what was never fitted. The "
-        "corrected case is the case as it was."
+        "No set of effects reaches the noise floor or predicts data that were never fitted significantly better. The "
+        "corrected case equals the case."
     ),
 }
 UNCONFIRMED = (
-    "With these effects all that was kept is down to its noise; what was left out lies where no data confirm that "
-    "nothing else acts."
+    "With these effects all data that were kept are predicted down to their noise; the data that were left out lie "
+    "where nothing confirms that no other effect acts."
 )
 STEPS = (
-    "From the model as declared to the answer, one effect at a time. A line runs from the error before a step to the "
+    "From the declared model to the answer, one effect at a time. A line runs from the error before a step to the "
     "error with that effect, as chi² per degree of freedom of fit and choose; 1 is the noise. Effects of the answer "
-    "stand in the order in which each takes away most, beside what else was fitted there. What gains less than "
-    f"{BIC_GAIN:g} in BIC is not taken, nor what does not carry over to other data; the other candidates, with the "
-    "drop that each promised, are in diagnosis.json."
+    "are listed in the order in which each removes most, beside the other effects that were fitted at that step. "
+    "What gains less than "
+    f"{BIC_GAIN:g} in BIC, or does not carry over to other data, is not taken; the other candidates, with the "
+    "predicted drop of each, are in diagnosis.json."
 )
 FAINT = (
-    "What is left looks like noise of which a part remembers; mechanisms outside the library leave the same, so that "
-    "nothing is attributed."
+    "What is left looks like coloured noise; mechanisms outside the library would leave the same, so nothing is "
+    "attributed."
 )
 
 

@@ -28,7 +28,7 @@ def verdict(m: Material) -> dict[str, Any]:
     words, section = specification_of(m.context.case).words, m.context.case.validation
     steps = section.steps if section is not None else math.inf
     little = little_won(tables.promised_steps(m))
-    kept_words = "promise kept, of little" if little else "promise kept"
+    kept_words = "promise kept, but small" if little else "promise kept"
     return {
         "good": good,
         "badge": kept_words if good else "promise broken",
@@ -98,7 +98,7 @@ def little_won(promised: int | None) -> str:
         return ""
     samples = "one sample" if promised == 1 else f"{promised} samples"
     return (
-        f"It wins next to nothing: every winning state lies within {samples} of the target. Stronger inputs "
+        f"It wins almost nothing: every winning state lies within {samples} of the target. Stronger inputs "
         "(domain.U), another domain.tau, finer synthesis.cells or a smaller gap carry it further."
     )
 
@@ -114,7 +114,7 @@ def common_free(syntheses: Mapping[str, Mapping[str, Any]]) -> int:
 def _won(m: Material, kind: str) -> str:
     """The share of the common cells that is won, and how many cells it is."""
     cells = int(m.syntheses[kind]["winning_cells"])
-    return f"{cells / max(1, common_free(m.syntheses)):.3f} ({cells:,} cells)"
+    return f"{100 * cells / max(1, common_free(m.syntheses)):.1f} % ({cells:,} cells)"
 
 
 def _own_share(m: Material) -> str:
@@ -123,15 +123,15 @@ def _own_share(m: Material) -> str:
     if found["free_cells"] == every:
         return ""
     return (
-        f" Both are shares of {every:,} cells; {found['free_cells']:,} of them stay free between samples, of which it "
-        f"wins {found['winning_fraction']:.3f}."
+        f" Both are shares of {every:,} cells; {found['free_cells']:,} of them stay free between samples, of which "
+        f"it wins {100 * found['winning_fraction']:.1f} %."
     )
 
 
 def _violations(tally: Mapping[str, Any], steps: float) -> str:
     bad, runs = tally["runs_that_violated_it"], tally["runs"]
     if not bad:
-        return f"none of {runs:,} runs violates the specification in the simulator, which nothing guarantees"
+        return f"none of {runs:,} runs violates the specification in the simulator, but nothing guarantees that"
     text = f"{bad:,} of {runs:,} runs violate the specification in the simulator"
     if stuck := min(bad, tally["ends"].get(STUCK, 0)):  # nobody knows what the plant would do next
         own = "all" if stuck == bad else f"{stuck:,}"
@@ -180,7 +180,7 @@ def _careful(m: Material) -> str:
     words = specification_of(m.context.case).words
     kept, runs = tally["runs_that_kept_the_specification"], tally["runs"]
     left, steps = tally.get("steps_that_left_the_certified_box"), tally["steps"]
-    outside = f", {left:,} of {steps:,} steps outside the box that it predicted" if left is not None else ""
+    outside = f", {left:,} of {steps:,} steps outside the predicted box" if left is not None else ""
     return (
         "Fair baseline (nominal-only, but it checks the model's path between samples): "
         f"{kept:,} of {runs:,} runs {words.kept}{outside}."

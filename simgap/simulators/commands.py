@@ -36,7 +36,7 @@ def command_paths(
     for k, e in enumerate(effects):
         if isinstance(effect(e.name), InputEffect) and e.on not in values:
             raise UserError(
-                f"'{e.on}' is no input", key=f"simulator.effects.{k}.on", remedy=f"Inputs: {', '.join(values)}."
+                f"'{e.on}' is not an input", key=f"simulator.effects.{k}.on", remedy=f"Inputs: {', '.join(values)}."
             )
     return [CommandPath.of(effects, name, own, known_delay) for name, own in values.items()]
 

@@ -133,7 +133,7 @@ def _too_large(key: str) -> UserError:
 def _section(case: Case) -> EquationsSettings:
     section = case.simulator
     if not isinstance(section, EquationsSettings):
-        raise UserError("the simulator is no equations", key="simulator.engine")
+        raise UserError("the simulator is not given as equations", key="simulator.engine")
     return section
 
 

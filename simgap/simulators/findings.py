@@ -48,9 +48,9 @@ def _links(case: Case, file: ModelFile, loaded: Mapping[str, Link]) -> Iterator[
             continue
         if said.moments[:2].sum() < said.moments[2] - slack(said.moments):
             yield Finding(
-                f"link '{name}'", f"no body has its principal moments {_list(said.moments)} kg m^2: the largest is "
-                "more than the two others together; engines that take the file compute with them",
-                "Correct <inertia>, if you know better.",
+                f"link '{name}'", f"no rigid body has the principal moments {_list(said.moments)} kg m^2: the "
+                "largest exceeds the sum of the others; engines that take the file compute with them",
+                "Correct <inertia>.",
             )  # fmt: skip
         if differs(own.mass, said.mass):
             yield Finding(
@@ -89,9 +89,9 @@ def _damping(case: Case, traits: FileTraits, file: ModelFile) -> Iterator[Findin
     if traits.damps_links and (own.linear or own.angular):
         yield Finding(
             "simulator.damping",
-            f"the engine damps every link by {own.linear:g} (linear) and {own.angular:g} (angular) 1/s, which no model "
-            "file says",
-            "Set both to 0, unless the engine as it comes is what you want to measure.",
+            f"the engine damps every link by {own.linear:g} (linear) and {own.angular:g} (angular) 1/s, although no "
+            "model file says so",
+            "Set both to 0, unless you want to measure the engine with its defaults.",
         )
 
 
@@ -118,12 +118,12 @@ def _joint(case: Case, traits: FileTraits, name: str, joint: FileJoint) -> Itera
     place = f"joint '{name}'"
     if joint.friction > 0 and not _declared(case, name):
         yield Finding(
-            place, f"neither Drake nor the engine acts out its friction {joint.friction:g}",
+            place, f"neither Drake nor the engine simulates its friction {joint.friction:g}",
             "Declare coulomb_friction in simulator.effects, and in plant.effects if the model should know it.",
         )  # fmt: skip
     if joint.mimics is not None:
         yield Finding(
-            place, f"the file lets it follow joint '{joint.mimics}', the engine lets it move on its own",
+            place, f"the file lets it follow joint '{joint.mimics}', the engine moves it independently",
             "Weld or remove it, or give it states.",
         )  # fmt: skip
     if joint.reflected:
@@ -168,13 +168,15 @@ def ranges(case: Case, traits: FileTraits, name: str, joint: FileJoint) -> Itera
             continue
         if joint.velocity is not None and fastest > joint.velocity:
             yield Finding(
-                key, f"reaches {fastest:g}, joint '{name}' is said to be no faster than {joint.velocity:g}; neither "
-                "Drake nor the engine holds it there",
+                key, (
+                    f"reaches {fastest:g}, joint '{name}' is limited to {joint.velocity:g}, but neither Drake nor "
+                    "the engine enforces that"
+                ),
                 "Keep X within it, or correct the file.",
             )  # fmt: skip
         if traits.fastest is not None and fastest >= traits.fastest:
             yield Finding(
-                key, f"reaches {fastest:g}, the engine cuts every joint's speed at {traits.fastest:g}",
+                key, f"reaches {fastest:g}, the engine limits every joint's speed to {traits.fastest:g}",
                 "Keep X below it.",
             )  # fmt: skip
 
@@ -204,8 +206,8 @@ def efforts(case: Case, name: str, joint: FileJoint) -> Iterator[Finding]:
             if most > joint.effort:
                 yield Finding(
                     f"domain.U.{drive}",
-                    f"reaches {most:g}, joint '{name}' is said to take no more than {joint.effort:g}; neither Drake "
-                    "nor the engine cuts it there",
+                    f"reaches {most:g}, joint '{name}' is limited to {joint.effort:g}, but neither Drake nor the "
+                    "engine enforces that",
                     "Keep U within it, or declare saturation in simulator.effects.",
                 )
 

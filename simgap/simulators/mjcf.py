@@ -162,7 +162,7 @@ def check_mjcf(case: Case, folder: Path) -> Any:
     if beyond:
         raise UserError(
             f"beside positions and velocities the file has {beyond} states, as of an actuator's filter or a delay",
-            file=path, remedy="Take them out, and declare input_lag or input_delay in simulator.effects.",
+            file=path, remedy="Remove them, and declare input_lag or input_delay in simulator.effects.",
         )  # fmt: skip
     _check_unseen(path, model)
     _check_actuators(case, path, model)

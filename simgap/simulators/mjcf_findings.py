@@ -91,7 +91,7 @@ def of_nominal(case: Case, urdf: Path) -> Mapping[str, Felt]:
 
 
 LEARN = "Declare {} in plant.effects if the model should know it; gamma covers it otherwise."
-COVERED = "Correct one of the files, unless it is the gap that you want to measure."
+COVERED = "Correct one of the files, unless that is the gap you want to measure."
 
 
 def findings(case: Case, folder: Path) -> list[Finding]:
@@ -193,7 +193,9 @@ def _options(case: Case, model: Any) -> Iterator[Finding]:
         )  # fmt: skip
     if option.integrator != mujoco.mjtIntegrator.mjINT_EULER:
         name = mujoco.mjtIntegrator(option.integrator).name.removeprefix("mjINT_").lower()
-        yield Finding("simulator.mjcf", f"it integrates by {name}, as its <option> says", "That holds; nothing to do.")
+        yield Finding(
+            "simulator.mjcf", f"it integrates by {name}, as its <option> says", "That is used; nothing to do."
+        )
     if option.density or option.viscosity or np.any(option.wind):
         yield Finding("simulator.mjcf", "its bodies move through a medium, which resists", LEARN.format("drag"))
     bits = [b for b in mujoco.mjtDisableBit.__members__.values() if b.name not in ("mjDSBL_AUTORESET", "mjNDISABLE")]

@@ -32,8 +32,8 @@ class MuJoCoSettings(EngineSection):
     damping: Damping = Field(Damping(linear=0.0, angular=0.0), description="Only `joint` applies to MuJoCo.")
     mjcf: str | None = Field(
         None,
-        description="An MJCF file in place of the plant's URDF, relative to the case file. All of it holds as it "
-        "stands (damping, friction, armature, stops, integrator, gravity), but for the timestep, which is "
+        description="An MJCF file in place of the plant's URDF, relative to the case file. All of it is used as it is "
+        "(damping, friction, armature, stops, integrator, gravity), but for the timestep, which is "
         "tau/substeps, and its motors, which idle: the inputs are forces on joints.",
     )
 

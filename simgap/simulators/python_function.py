@@ -58,7 +58,7 @@ class PythonSettings(EngineSection):
             raise ValueError(f"{place}{error.problem}. {error.remedy or ''}".strip()) from None
         if found.path not in _told:
             _told.add(found.path)
-            log.warning("the simulator %s is code and runs with your rights", found.path)
+            log.warning("the simulator %s is code and runs with your permissions", found.path)
         return function
 
 
@@ -88,7 +88,7 @@ class PythonEngine(Engine):
         """
         section = case.simulator
         if not isinstance(section, PythonSettings):
-            raise UserError("the simulator is no Python function", key="simulator.engine")
+            raise UserError("the simulator is not a Python function", key="simulator.engine")
         if case.domain is None:
             raise UserError("the simulator needs a sampling time", key="domain.tau", remedy="Add `domain:`.")
         kind = _OfMany if section.batch else cls
@@ -117,7 +117,7 @@ class PythonEngine(Engine):
         try:
             found = np.asarray(result, dtype=np.float64)
         except (TypeError, ValueError):
-            raise self._fault(f"gives {excerpt(repr(result), 60)}, which is no array of numbers", x, u) from None
+            raise self._fault(f"gives {excerpt(repr(result), 60)}, which is not an array of numbers", x, u) from None
         if found.shape != x.shape:
             raise self._fault(f"gives an array {found.shape} instead of {x.shape}", x, u)
         return found
@@ -129,7 +129,7 @@ class PythonEngine(Engine):
         )
         return UserError(
             f"the function '{self._file.name}' {problem}{where}", file=self._file.path, key=KEY,
-            remedy="Correct it, or leave what it cannot do out of domain.X and domain.U.",
+            remedy="Correct it, or exclude what it cannot do from domain.X and domain.U.",
         )  # fmt: skip
 
 
@@ -174,6 +174,6 @@ def _imported(file: FunctionFile) -> Callable[..., Any]:
         sys.path.append(folder)  # what it imports later is found; nothing that simgap imports later is shadowed
     function = getattr(module, file.name)
     if not callable(function):
-        raise TypeError(f"'{file.name}' is no function")
+        raise TypeError(f"'{file.name}' is not a function")
     found: Callable[..., Any] = function
     return found

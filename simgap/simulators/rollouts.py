@@ -26,7 +26,7 @@ def make_simulator(case: Case, folder: Path) -> Simulator:
     """The simulator that a case declares; call it in the process that will run it.
 
     Raises:
-        UserError: no `simulator` section, a plug-in that is no engine, or an effect that the engine cannot act out.
+        UserError: no `simulator` section, a plug-in that is not an engine, or an effect that the engine cannot act out.
     """
     kind, section = _engine(case, folder), case.simulator
     simulator = kind.build(case, folder)
@@ -72,16 +72,16 @@ def _engine(case: Case, folder: Path) -> type[Engine]:
     engine = plugins.find("engines", section.engine, folder)
     if not issubclass(engine, Engine):
         raise UserError(
-            f"'{section.engine}' is no engine", key="simulator.engine", remedy="Derive it from simgap's Engine."
+            f"'{section.engine}' is not an engine", key="simulator.engine", remedy="Derive it from simgap's Engine."
         )
     check_listed(section.effects, "simulator.effects")
     for k, added in enumerate(section.effects):
         if not engine.acts_out(effect(added.name)):
             known = ", ".join(name for name, kind in EFFECTS.items() if engine.acts_out(kind)) or "none"
             raise UserError(
-                f"the simulator cannot act out '{added.name}'",
+                f"the simulator cannot simulate '{added.name}'",
                 key=f"simulator.effects.{k}.name",
-                remedy=f"It takes: {known}. Without it gamma does not cover hardware that has the effect.",
+                remedy=f"It supports: {known}. Without it gamma does not cover hardware that has the effect.",
             )
     return engine
 

@@ -39,7 +39,7 @@ REMEMBERS = 1e-6
 """Largest relative deviation of a second step from one that begins where the first ended: room for a solver of
 variable step. Judgement."""
 DECLARE = (
-    "Declare what it remembers: as states of the plant (plant.states), or by hidden_state for a robot in the plane. "
+    "Declare its memory: as states of the plant (plant.states), or by hidden_state for a robot in the plane. "
     "Fix its seeds."
 )
 
@@ -101,7 +101,8 @@ class _Probe:
         for k in np.flatnonzero((again != self._first[order]).any(axis=1))[:1]:
             where = describe_call(self._names, self._x[order[k]], self._u[order[k]])
             raise UserError(
-                f"the simulator answers the same call in two ways, {where}: it keeps a state, draws random numbers or "
+                f"the simulator gives two results for the same call, {where}: it keeps a state, draws random numbers "
+                "or "
                 "reads a clock", key="simulator", remedy=DECLARE,
             )  # fmt: skip
 
@@ -123,7 +124,7 @@ class _Probe:
 
 
 KEY = "simulator"
-REMEDY = "Correct the engine, or leave what it cannot do out of domain.X and domain.U."
+REMEDY = "Correct the engine, or exclude what it cannot do from domain.X and domain.U."
 NOTE = 4096
 """Bytes in which a process notes the call that it is in."""
 LOOK = 1.0
@@ -164,7 +165,7 @@ class Note:
             return None
         text = bytes(self._view[_HEAD.size : _HEAD.size + length]).decode(errors="replace")
         if state == 2:
-            return f"its memory grew beyond what a stage may take, {text}"
+            return f"its memory grew beyond the limit of a stage, {text}"
         late = time.monotonic() - began >= longest
         return f"it takes longer than {longest:g} s, {text}" if late else f"it died {text}"
 

@@ -156,7 +156,7 @@ def specification_of(case: Case) -> Specification:
     found = case.synthesis.specification
     if not isinstance(found, Specification):
         raise UserError(
-            "the plug-in is no specification",
+            "the plug-in is not a specification",
             key=KEY,
             remedy="Derive it from simgap.specifications.base.Specification.",
         )
@@ -172,7 +172,7 @@ def path_aware_baseline(context: Context) -> Context:
     if not specification_of(context.case).between_samples:
         raise UserError(
             "needs a specification between samples; this one is about sampling instants alone",
-            file=context.path, key="validation.fair_baseline", remedy="Take the key out.",
+            file=context.path, key="validation.fair_baseline", remedy="Remove the key.",
         )  # fmt: skip
     section = context.need(context.case.synthesis, "synthesis")
     asked = section.model_copy(update={"nominal_between_samples": True})

@@ -109,7 +109,7 @@ class Reaching(Specification):
         lo, hi = grid.box.lo + walls, grid.box.hi - walls
         lo[list(grid.periodic)], hi[list(grid.periodic)] = -np.inf, np.inf
         if np.any(lo >= hi):
-            raise UserError("the clearance leaves nothing of the arena", key=f"{KEY}.clearance")
+            raise UserError("the clearance leaves no room in the arena", key=f"{KEY}.clearance")
         free = cells_within(grid, Box(lo, hi))
         for box in self.boxes(space):
             free &= ~cells_meeting(grid, grown(box, keep))

@@ -82,7 +82,7 @@ def acted_out(context: Context, section: MeasuredSection, applied: Sequence[Appl
     able = tuple(e for e in moving if kind is not None and kind.acts_out(effect(e.name)))
     unable = joined([e.name.replace("_", " ") for e in moving if e not in able] or [""])
     rest = (
-        f" It cannot act out {unable}: unless its own model has that, gamma does not cover the hardware."
+        f" It cannot simulate {unable}: unless its own model has that, gamma does not cover the hardware."
         if unable
         else ""
     )
@@ -94,9 +94,9 @@ def acted_out(context: Context, section: MeasuredSection, applied: Sequence[Appl
             rest=rest,
         )
     if kind is None or kind.of_its_own(case):
-        reason = "The simulator is a model of its own and stays as it is: whether it lacks the effects was not measured"
+        reason = "The simulator is a separate model and stays as it is: whether it lacks the effects was not measured"
         return ActedOut((), f"{reason} (measured.into_simulator: true adds them).{rest}", rest=rest, able=able)
-    made = "The simulator is made of the nominal model and lacks what that lacks."
+    made = "The simulator is derived from the nominal model and lacks the same effects."
     return ActedOut(able, f"{made}{rest}", rest=rest, able=able)
 
 
@@ -190,15 +190,15 @@ def _judged(told: ActedOut, sets: Sequence[Effects], errors: Sequence[float]) ->
     tried = tuple((tuple((e.name, e.on) for e in s), error) for s, error in zip(sets, errors, strict=True))
     taken, other = sets[best], max(sets, key=len) if not sets[best] else ()
     words = joined([e.name.replace("_", " ") for e in taken] or [""])
-    what = f"acts out {words}" if taken else "stays as it is"
+    what = f"includes {words}" if taken else "stays as it is"
     beside = "without them" if taken else "with the effects on top"
     far = (
-        " None of the sets makes it follow them. The cause is another one, such as its time step (substeps) or a "
-        "damping of its own, and it remains part of the gap."
+        " It follows them with none of these sets; something else differs, such as its time step (substeps) or its "
+        "own damping, and remains part of the gap."
     )
     return ActedOut(
         taken,
-        f"The simulator {what}: it then deviates from the confirming recordings by {number(errors[best], 3)} times "
+        f"The simulator {what}: it then misses the held-out recordings by {number(errors[best], 3)} times "
         f"their noise; {beside}, by {number(errors[sets.index(other)], 3)} times.{far if min(errors) > NEAR else ''}"
         f"{told.rest}",
         tried,

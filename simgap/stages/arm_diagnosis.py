@@ -132,7 +132,7 @@ def _payloads(section: MeasuredSection, tree: Tree, reading: Reading) -> tuple[P
         if set(traces) <= set(reading.held_out):
             raise UserError(
                 f"'{p.file}' is held out, so that nothing says what its payload is", key=f"measured.payloads.{k}.file",
-                remedy="Hold out another file.",
+                remedy="Hold out a different file.",
             )  # fmt: skip
         found.append(Payload(traces, p.link, p.mass))
     return tuple(found)
@@ -153,7 +153,7 @@ def _known(context: Context, tree: Tree, inputs: Sequence[str]) -> dict[str, Flo
         places = inputs if e.name in TERMS and TERMS[e.name].of_input else tree.joints
         if e.name not in TERMS or e.on not in places:
             raise UserError(
-                f"the effect '{e.name}' on '{e.on}' cannot stand in the model of an arm of {tree.size} joints",
+                f"the effect '{e.name}' on '{e.on}' cannot be in the model of an arm of {tree.size} joints",
                 key=f"plant.effects.{k}", remedy=f"Known on its joints and inputs: {', '.join(TERMS)}, input_gain.",
             )  # fmt: skip
         values = known.setdefault(e.name, np.zeros(tree.size))

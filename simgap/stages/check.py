@@ -101,7 +101,7 @@ def run(
         build = time.process_time() - began
         run_checks(OF_CASE, context)
         if case.simulator is not None:
-            said(f"asking the engine {case.simulator.engine}")
+            said(f"querying the engine {case.simulator.engine}")
         findings, rollout = of_engine(context, file, engine_log)
         found = costs(context, rollout, build=build) if case.domain is not None else []
         affordable(context, found)

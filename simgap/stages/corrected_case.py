@@ -259,7 +259,7 @@ def _header(
     if urdf is not None:
         lines.append(f"plant.urdf is {urdf}, which has the inertial parameters that were found.")
     if not applied and urdf is None:
-        lines.append("Nothing was added: this is the case as it was, with its paths written from here.")
+        lines.append("Nothing was added: this is the original case, with its paths relative to this file.")
     elif applied and rig == "simulator":
         lines.append(
             "The effects below plant.effects were found in recordings of the simulator: the model alone has them."

@@ -61,7 +61,7 @@ def grid(context: Context, name: str) -> Points:
     hidden = context.need(context.case.hidden_state, "hidden_state")
     if name not in (HISTORIES, EVERY_HISTORY):
         raise UserError(
-            f"'{name[:40]}' is no point of a case with a hidden state", remedy=f"Use {HISTORIES} or {EVERY_HISTORY}."
+            f"'{name[:40]}' is not a point of a case with a hidden state", remedy=f"Use {HISTORIES} or {EVERY_HISTORY}."
         )
     values = [context.domain.U[n].list() for n in context.inputs]
     asked = [hidden.previous[n] for n in context.inputs]

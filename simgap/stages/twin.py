@@ -71,7 +71,7 @@ def run(case_path: CasePath, given: TwinFiles, out: Out, engine_log: Path | None
             raise UserError("a robot with memory has no twin", key="twin", remedy="Remove the section.")
         unknown = sorted(set(section.tolerance) - set(context.states))
         if unknown:
-            raise UserError(f"{unknown} are no states", key="twin.tolerance", remedy=f"States: {context.states}.")
+            raise UserError(f"{unknown} are not states", key="twin.tolerance", remedy=f"States: {context.states}.")
         other = context.case.model_copy(update={"simulator": section.of})
         parts = {
             "grid": (_rows(context, path, "rollouts") for path in given.rollouts),

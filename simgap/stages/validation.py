@@ -258,7 +258,7 @@ def given_start(context: Context, controller: Controller, number: int, named: di
     if not controller.contains(x[None])[0]:
         raise UserError(
             f"the controller promises nothing from the start {named}: it is not in the winning domain", key=key,
-            remedy="Move it away from obstacles and walls, or take it out.",
+            remedy="Move it away from obstacles and walls, or remove it.",
         )  # fmt: skip
     return x
 

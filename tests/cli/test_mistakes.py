@@ -62,7 +62,7 @@ def test_an_output_that_cannot_be_written_is_told_before_the_work(bench, capsys,
     data = recording(bench / "run.csv", 0.01)
     line = line_of(capsys, "diagnose", bench / "bench.yaml", data, "--out", bench / place)
     assert ": --out: " in line
-    assert "Give another place." in line or "Give a place that you may write to." in line
+    assert "Give another place." in line or "Choose a location that you can write to." in line
     assert (bench / "file").read_text() == "kept"
 
 
@@ -97,16 +97,16 @@ def test_a_wrong_joint_in_any_stage(vary, tmp_path, capsys, stage):
     ("key", "value", "words"),
     [
         ("simulator.engine", "gazebo", "no engine is called 'gazebo'. Known: pybullet,"),
-        ("name", "Prüfstand", "'Prüfstand' is no name of a case"),
+        ("name", "Prüfstand", "'Prüfstand' is not a valid case name"),
         ("title", 3, "title: a text is needed, got 3. Write a word or a text"),
         ("grid.eps", "big", "grid.eps: a number is needed, got 'big'. Write a number such as 0.5."),
         ("grid.eps", -1, "grid.eps: the number must be above 0, not -1. Give one that is above 0."),
         ("synthesis.cells", "many", "synthesis.cells: a list is needed, got 'many'. Write [a, b, ...]."),
         ("plant.states", "x1", "plant.states: keys with values are needed, got 'x1'."),
-        ("plant.integrator", "euler", "plant.integrator: no choice is called 'euler'. Known: explicit_euler,"),
-        ("domain.tau", "5 m", "domain.tau: 'm' is no unit that converts to s; write it like '0.005 s'"),
+        ("plant.integrator", "euler", "plant.integrator: there is no choice 'euler'. Known: explicit_euler,"),
+        ("domain.tau", "5 m", "domain.tau: 'm' is not a unit that converts to s; write it like '0.005 s'"),
         ("gap.basis", ["x1", "x9", 1], "gap.basis: 'x9' names 'x9', which is not known. Known: u, x1, x2."),
-        ("plant.effects", [{"name": "rust", "on": "hinge", "parameters": {"b": 1.0}}], "plant.effects.0.name: no"),
+        ("plant.effects", [{"name": "rust", "on": "hinge", "parameters": {"b": 1}}], "plant.effects.0.name: there is"),
         ("plant.states.x1.unit", "deg", "plant.states.x1.unit: the unit is 'deg', what stands here is"),
         ("grid.eps", 1e-9, "grid.eps: 5,000,000,015,039,489,150 samples of X x U need"),
         ("synthesis.cells", [1000000, 1000000], "synthesis.cells: 25,000,000,000,000 pairs of cell and input for each"),

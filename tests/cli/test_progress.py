@@ -48,3 +48,5 @@ def test_a_run_says_what_begins_what_is_done_and_what_is_left(tmp_path):
     ]
     (log,) = (tmp_path / ".snakemake/log").iterdir()
     assert "3 of 3 steps (100%) done" in log.read_text()
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.stderr.startswith("Nothing to be done")

@@ -63,7 +63,7 @@ def test_a_run_that_ends_well_without_its_page_is_an_error(asked):
     assert isinstance(typed("fine.yaml", axes=AXES).exception, workflow.WorkflowFailed)
     done = CliRunner().invoke(app, ["run", "rod.yaml"])
     assert isinstance(done.exception, workflow.WorkflowFailed)
-    assert "has not made results/rod/check/check.json" in str(done.exception)
+    assert "did not write results/rod/check/check.json" in str(done.exception)
 
 
 def test_a_point_that_costs_too_much_is_told_with_its_values_before_any_runs(asked):

@@ -12,6 +12,7 @@ import yaml
 
 ROOT = Path(__file__).parents[2]
 TEXT, RECORDINGS = ((ROOT / f"docs/tutorials/{name}.md").read_text() for name in ("robot", "recordings"))
+PYTHON = (ROOT / "docs/how-to/python.md").read_text()
 FENCES = re.findall(r"```(\w*)\n(.*?)```", TEXT + RECORDINGS, flags=re.S)
 COMMANDS = list(dict.fromkeys("".join(code for language, code in FENCES if not language).splitlines()))
 
@@ -36,7 +37,7 @@ def test_all_steps_are_there():
 
 def test_what_it_says_is_found(done):
     folder, said = done
-    assert "Nothing in the model file that the engine drops or changes." in said["simgap check rod.yaml"]
+    assert "The engine takes the model file as it is: nothing is dropped or changed." in said["simgap check rod.yaml"]
     assert "damps every link by 0.04" in said["simgap check mine.yaml"]  # as PyBullet comes
     found = json.loads((folder / "found/diagnosis.json").read_text())
     assert found["verdict"] == "attributed"
@@ -74,4 +75,9 @@ def test_the_run_makes_what_it_shows(tmp_path):
         loops = {k: summary["closed_loop"][k]["simulator"] for k in ("nominal", "gap")}
         assert {k: [t["runs_that_violated_it"], t["runs"]] for k, t in loops.items()} == expected[when]["failed"]
         assert summary["winning_fraction"] == pytest.approx(expected[when]["winning"], abs=1e-3)
-    assert (tmp_path / "results/rod/corrected/synthesis/gap/controller.npz").is_file()
+    snippets = [code for page in (TEXT, PYTHON) for code in re.findall(r"```python\n(.*?)```", page, flags=re.S)]
+    assert len(snippets) == 2
+    for code in snippets:  # as plain scripts
+        (tmp_path / "snippet.py").write_text(code)
+        run = subprocess.run([sys.executable, "snippet.py"], cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert run.returncode == 0, (code, run.stderr[-2000:])

@@ -77,7 +77,7 @@ def test_a_picture_on_a_display_in_memory(results, tmp_path, capsys, monkeypatch
 
 
 def test_a_viewer_that_writes_no_picture_is_told(tmp_path):
-    with pytest.raises(UserError, match="written no picture"):
+    with pytest.raises(UserError, match="did not write a picture"):
         tools._take(["true"], tmp_path / "seen.png")
 
 

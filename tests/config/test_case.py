@@ -58,7 +58,7 @@ def test_a_case_extends_another_section_by_section(vary):
     ("text", "file", "words"),
     [
         ("name: a\nextends: a.yaml\n", "a.yaml", "extends: a case cannot extend itself"),
-        ("name: a\nextends: ../pendulum.yaml\n", "a.yaml", "'../pendulum.yaml' is no case file of this folder"),
+        ("name: a\nextends: ../pendulum.yaml\n", "a.yaml", "'../pendulum.yaml' is not a case file of this folder"),
         ("name: a\nextends: nowhere.yaml\n", "nowhere.yaml", "does not exist"),
         ("name: a\nextends: broken.yaml\n", "broken.yaml", "grid.epz: unknown key"),
         ("name: a\nextend: pendulum.yaml\n", "a.yaml", "Did you mean 'extends'?"),
@@ -96,7 +96,7 @@ MISTAKES = {
     "missing key": ({}, ("simulator.inertia",), "inertia", "missing"),
     "wrong unit": ({"domain.tau": "0.005 kg"}, (), "domain.tau", "kg"),
     "not a number": ({"domain.tau": "soon"}, (), "domain.tau", "soon"),
-    "box upside down": ({"domain.X.x1": [0.2, -0.2]}, (), "domain.X.x1", "upside down"),
+    "box upside down": ({"domain.X.x1": [0.2, -0.2]}, (), "domain.X.x1", "ends are reversed"),
     "eps not positive": ({"grid.eps": 0}, (), "grid.eps", "must be above 0"),
     "empty U": ({"domain.U.u": {"values": []}}, (), "domain.U.u", "empty"),
     "U upside down": ({"domain.U.u": {"min": 1, "max": -1, "step": 0.1}}, (), "domain.U.u", "empty"),
@@ -188,7 +188,7 @@ def test_extends_merges_keys_and_replaces_a_section_of_another_kind(vary):
 
 
 def test_a_name_that_is_none_says_what_one_is(vary):
-    with pytest.raises(UserError, match=r"'pändel' is no name of a case.*Use lower-case letters a to z"):
+    with pytest.raises(UserError, match=r"'pändel' is not a valid case name.*Use lower-case letters a to z"):
         load_case(vary("pendulum", {"name": "pändel"}))
 
 
@@ -201,7 +201,7 @@ def test_what_the_system_refuses_is_one_line(root, tmp_path, capsys):
         assert ended.value.code == 2
         told = capsys.readouterr().err
         assert told.count("\n") == 1
-        assert f"cannot be written: {in_the_way} is no folder" in told
+        assert f"cannot be written: {in_the_way} is not a folder" in told
 
 
 def test_extends_replaces_a_range_by_values_and_a_section_by_an_empty_one(vary):
@@ -227,5 +227,5 @@ def test_an_input_set_has_values_or_a_range(vary):
 
 def test_what_is_no_case_says_how_one_is_made(tmp_path):
     (tmp_path / "log.csv").write_text("t,x\n0,1\n")
-    with pytest.raises(UserError, match=r"this is no case: .*simgap new"):
+    with pytest.raises(UserError, match=r"this is not a case: .*simgap new"):
         load_case(tmp_path / "log.csv")

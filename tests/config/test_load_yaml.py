@@ -30,12 +30,12 @@ BOMB = "a: &a [1,1,1,1,1,1,1,1,1]\n" + "".join(
     f"{chr(98 + k)}: &{chr(98 + k)} [{','.join(['*' + chr(97 + k)] * 9)}]\n" for k in range(20)
 )
 REFUSED = {
-    "twice": ("a: 1\nb: 2\na: 3", r"line 3: .*'a' stands there twice, first in line 1"),
-    "twice within": ("a:\n  b: {c: 1,\n   c: 2}", r"line 3: .*'c' stands there twice, first in line 2"),
+    "twice": ("a: 1\nb: 2\na: 3", r"line 3: .*'a' appears twice, first in line 1"),
+    "twice within": ("a:\n  b: {c: 1,\n   c: 2}", r"line 3: .*'c' appears twice, first in line 2"),
     "twice, quoted": ('a: 1\n"a": 2', "twice"),
-    "number as key": ("a: {1: 2}", "'1' is no name"),
-    "bool as key": ("true: 2", "'true' is no name"),
-    "list as key": ("[a]: 2", "a list or mapping is no name"),
+    "number as key": ("a: {1: 2}", "'1' is not a name"),
+    "bool as key": ("true: 2", "'true' is not a name"),
+    "list as key": ("[a]: 2", "a list or mapping is not a name"),
     "bomb": (BOMB, "values, aliases included"),
     "itself": ("a: &x [*x]", "within itself"),
     "no anchor": ("a: *x", "undefined alias"),
@@ -79,11 +79,11 @@ def test_a_key_twice_in_a_case_or_a_rig_ends_the_command_with_status_2(root, tmp
         main(["grid", str(case), "--out", str(tmp_path / "x"), "--log", str(tmp_path / "log")])
     assert left.value.code == 2
     told = capsys.readouterr().err
-    assert "'name' stands there twice" in told
+    assert "'name' appears twice" in told
     assert told.count("\n") == 1
     rig = tmp_path / "rig.yaml"
     rig.write_text((root / "configs/rigs/pendulum.yaml").read_text() + "\nseed: 1\nseed: 2\n")
-    with pytest.raises(UserError, match="'seed' stands there twice"):
+    with pytest.raises(UserError, match="'seed' appears twice"):
         load_rig(rig)
 
 

@@ -113,7 +113,7 @@ def test_a_file_is_said_to_be_code_once(tmp_path, caplog):
     (tmp_path / "mine.py").write_text(MINE)
     for _ in range(3):
         plugins.find("engines", "mine.py:Mine", tmp_path)
-    assert caplog.text.count("is code and runs with your rights") == 1
+    assert caplog.text.count("is code and runs with your permissions") == 1
     assert not list(tmp_path.rglob("__pycache__"))
 
 
@@ -169,4 +169,4 @@ def test_a_person_who_checks_a_case_is_told_that_it_runs_code(tmp_path):
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr
     said = "".join(done.stderr.split())  # lines are as long as the terminal is wide
-    assert said.count(f"thesimulator{tmp_path.resolve() / 'my_sim.py'}iscodeandrunswithyourrights") == 1
+    assert said.count(f"thesimulator{tmp_path.resolve() / 'my_sim.py'}iscodeandrunswithyourpermissions") == 1

@@ -268,7 +268,7 @@ def test_a_payload_is_found_wherever_its_file_stands(tmp_path, plain, order):
 
 def test_a_payload_that_nothing_fitted_carries_is_refused(tmp_path, plain):
     loads = ", ".join(f"{{file: {x}.csv, link: link3}}" for x in ("light_1", "heavy", "light_2"))
-    with pytest.raises(UserError, match="nothing that is fitted to carries the payload of 'link3'") as error:
+    with pytest.raises(UserError, match="no fitted trace carries the payload of 'link3'") as error:
         diagnosed(tmp_path, plain, ("light_1", "heavy", "light_2"), more=f"  payloads: [{loads}]\n")
     assert error.value.key == "measured.held_out"
 
@@ -317,7 +317,7 @@ def test_a_faulty_torque_column_is_a_finding_and_nothing_is_named_on_its_joint(
 
 def test_a_torque_in_another_scale_is_warned_of(tmp_path, plain):
     result = diagnosed(tmp_path, plain, LIGHT, lambda u: u * [1.0, 1.5, 1.0])
-    (said,) = [w for w in result["warnings"] if "times what the declared arm asks" in w]
+    (said,) = [w for w in result["warnings"] if "times what the declared arm needs" in w]
     assert "torque2 is 1.5 times" in said
     assert diagnosed(tmp_path, plain, LIGHT)["warnings"] == []
 

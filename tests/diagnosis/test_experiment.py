@@ -127,8 +127,8 @@ def test_pairs_that_nothing_tells_do_not_hide_those_that_an_input_does():
     assert advice.proposal.sure > 0.99
     assert advice.remedy.name == "m"
     said = paragraph(asked, advice, {"u": "N"}, "input.csv")
-    assert "the others are told apart" in said
-    assert "the parameter m and the gain of u act alike; to tell these, set m" in said
+    assert "the others are separated" in said
+    assert "the parameter m and the gain of u act alike; to separate these, set m" in said
 
 
 def test_an_input_that_leaves_the_range_is_made_smaller(friction):

@@ -62,7 +62,7 @@ def test_an_offset_that_nothing_measures_absolutely_is_never_tried(k, offset, se
     d = diagnose(_spring(k), record, DiagnosisSettings(effects=("sensor_offset", "viscous_friction"), max_effects=2))
     assert [(e.name, e.on) for e in d.effects] == [("viscous_friction", "slide")]
     (row,) = (c for c in d.candidates if c.name == "sensor_offset")
-    assert (row.rejected != "these data cannot see it") == seen
+    assert (row.rejected != "these data do not show it") == seen
     if not seen:
         assert (row.chi2_drop, row.bic_gain, row.parameters) == (0.0, None, {})
 

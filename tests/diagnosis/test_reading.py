@@ -179,7 +179,7 @@ def test_traces_of_one_file_and_held_out_ones(tmp_path):
         strict=False,
     )
     assert free.held_out == ()
-    assert "a share of them is held out" in free.warnings[-1]
+    assert "a share of these is held out" in free.warnings[-1]
     assert "holds out every trace" in refusal(tmp_path / "run.csv", held_out={"traces": ["a", "b"]})
     assert "'c' is not among the data" in refusal(tmp_path / "run.csv", held_out={"traces": ["c"]})
 

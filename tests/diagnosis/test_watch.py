@@ -128,11 +128,11 @@ def test_what_is_masked_after_the_end_is_fitted_and_not_searched(monkeypatch):
     monkeypatch.setattr(module, "searched", once)
     d = diagnose(block(), _record(late=LATE), DiagnosisSettings(effects=("input_delay",)))
     assert len(begun) == 1
-    assert any("ended after" in w for w in d.warnings)
+    assert any("stopped after" in w for w in d.warnings)
 
 
 def _ended(found, watch):
-    watch.stopped = "The search was ended after measured.budget_s = 0 s"
+    watch.stopped = "The search was stopped after measured.budget_s = 0 s"
     return found
 
 

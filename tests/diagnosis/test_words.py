@@ -234,7 +234,7 @@ def test_sentences():
     )
     both = said(document("attributed", [FRICTION, MASS]))
     assert "a mass of the rod that is 25.0 ± 0.1 % below its declared value together explain 84 %" in both
-    assert "The mass of the rod and the gain of torque cannot be told apart from this data" in both
+    assert "The mass of the rod and the gain of torque cannot be distinguished by these data" in both
     partial = said(document("partial", [FRICTION], remainder=None))
     assert "An error of 0.02 rad in q is left 0.2 s ahead that nothing in the library explains" in partial
     assert "gamma" not in partial
@@ -264,7 +264,7 @@ def test_what_else_would_help_is_said_however_many_there_are(count):
     document = {"verdict": "partial", "effects": [MASS], "explained_share": 0.6, "error": error, "left_over": over,
                 "units": {"q": "rad"}}  # fmt: skip
     text = said(document)
-    assert "would take away 30 % of it" in text
+    assert "would remove 30 % of it" in text
     assert ("Coulomb friction at the elbow" in text) == (count > 2)
     assert ("(or " in text) == (count > 1)
 

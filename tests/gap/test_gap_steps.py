@@ -77,5 +77,5 @@ def test_shards_in_order_are_the_grid():
 def test_the_name_of_a_point_is_its_radius():
     assert radius(covering_point(0.0022)) == 0.0022
     for name in ("eps~", "eps~-1", "eps~nan", "eps~inf", "hidden-state", "0.1"):
-        with pytest.raises(UserError, match="no point of this case"):
+        with pytest.raises(UserError, match="not a point of this case"):
             radius(name)

@@ -126,7 +126,7 @@ def test_the_package_offers_it_without_costing_anything_before(saved):
         ({"states": ["x"]}, {}, "box is not"),
         ({"states": ["x", "x"]}, {}, "distinct names"),
         ({"rule": "best"}, {}, "no selection rule"),
-        ({"statistics": None}, {}, "no mapping"),
+        ({"statistics": None}, {}, "not a mapping"),
         ({}, {"mask": np.zeros((12, 1), np.uint8)}, "wins cells without an input"),
         ({}, {"mask": np.full((12, 1), 0b1000, np.uint8)}, "admits inputs that do not exist"),
         ({}, {"free": np.zeros(2, np.uint8)}, "wins cells that the specification forbids"),

@@ -115,7 +115,7 @@ def test_the_command_says_what_the_law_takes(tmp_path, capsys):
 
 
 def test_a_name_of_which_nothing_can_be_called(tmp_path):
-    for name, words in (("law.txt", "neither a C header nor Python"), ("3.h", "begins with no letter")):
+    for name, words in (("law.txt", "neither a C header nor Python"), ("3.h", "does not begin with a letter")):
         with pytest.raises(UserError, match=words):
             simgap.export_controller(made_up(1), tmp_path / name)
     assert not list(tmp_path.iterdir())

@@ -95,15 +95,15 @@ def test_a_key_that_stands_twice_an_edit_and_a_foreign_document_are_refused(tmp_
     assert list(json.loads(text)) == ["eps", "gap", "checksum"]
     for wrong, match in (
         (text.replace("0.1", "0.2"), "checksum does not fit"),
-        (text.replace('"eps": 0.1', '"eps": 0.2, "eps": 0.1'), "'eps' stands there twice"),
-        (text.replace("2.5", "2.5, NaN"), "NaN is no number"),
+        (text.replace('"eps": 0.1', '"eps": 0.2, "eps": 0.1'), "'eps' appears twice"),
+        (text.replace("2.5", "2.5, NaN"), "NaN is not a JSON number"),
         (text.replace("2.5", "1e400"), "1e400 is too large a number"),
         (text.replace("0.1", "1" * 5001), "damaged"),
         ("[" * 100_000, "damaged"),
-        ("{}", "without its checksum"),
-        ("[]", "no result"),
-        ("null", "no result"),
-        (json.dumps({"eps": 0.1}), "without its checksum"),
+        ("{}", "its checksum is missing"),
+        ("[]", "not a result"),
+        ("null", "not a result"),
+        (json.dumps({"eps": 0.1}), "its checksum is missing"),
     ):
         path.write_text(wrong)
         with pytest.raises(UserError, match=match) as caught:

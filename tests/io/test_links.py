@@ -118,7 +118,7 @@ def test_a_benchmark_with_two_names_is_refused(here):
 def test_what_is_no_folder_is_refused_where_results_go_below_it(here, name):
     Path(name).parent.mkdir(exist_ok=True)
     os.mkfifo(name)
-    with pytest.raises(UserError, match="is no folder"):
+    with pytest.raises(UserError, match="is not a folder"):
         no_links_below(Path("results/cart"))
 
 

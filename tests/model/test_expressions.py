@@ -69,5 +69,5 @@ def test_large_ones_within_the_limits_are_read_in_seconds(text):
 
 def test_a_parameter_may_not_make_the_dynamics_infinite():
     model = SymbolicModel((Variable("x", "m"),), (), {"m": Parameter(0.0)}, (X / symbol("m"),))
-    with pytest.raises(UserError, match="rate of 'x' is no finite real number"):
+    with pytest.raises(UserError, match="rate of 'x' is not a finite real number"):
         model.numeric()

@@ -124,7 +124,7 @@ def test_a_force_map_says_the_same():
         (gains({"force_gain": FULL["v"]}, {"force_gain": TURN["w"]}), "coupled"),
         (gains({"force_gain": "1/M"}, {"force_gain": "1/(m*l^2)"}), "coupled"),
         (gains({}, {}), "force_gain or force_map"),
-        (gains({"force_map": {"y": "1"}}, {"force_map": TURN}), "no velocities"),
+        (gains({"force_map": {"y": "1"}}, {"force_map": TURN}), "not velocities"),
         ({"mass_matrix": [["M", "m*l"]]}, "2 x 2"),
         ({"mass_matrix": [["M", "m*l*cos(q)"], ["m*l*sin(q)", "m*l^2"]]}, "not symmetric"),
         ({"mass_matrix": [["m", "m*l*2"], ["m*l*2", "m*l^2"]]}, "positive definite"),

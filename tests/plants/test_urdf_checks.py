@@ -22,7 +22,7 @@ CHANGES = {
     "joint without name": ('joint name="hinge"', "joint", "joint '': name: is missing or empty"),
     "child of nothing": ('child link="rod"', 'child link="none"', "joint 'hinge': <child> link: names no link"),
     "child not named": ('child link="rod"', "child", "names no link"),
-    "twice": ('link name="rod"', 'link name="base"', "names no link|stands there twice"),
+    "twice": ('link name="rod"', 'link name="base"', "names no link|appears twice"),
     "no XML": ("</robot>", "", "not well-formed XML"),
     "encoding": ('<?xml version="1.0"?>', '<?xml version="1.0" encoding="nope"?>', "not well-formed XML"),
     "other root": ("robot", "model", "root element is <model>"),
@@ -36,7 +36,7 @@ CHANGES = {
         "<drake:ball_constraint/></robot>",
         "<drake:ball_constraint> closes a chain",
     ),
-    "world not there": ('parent link="base"', 'parent link="world"', 'Add <link name="world"/>, which Drake alone'),
+    "world not there": ('parent link="base"', 'parent link="world"', 'Add <link name="world"/>, which only Drake'),
 }
 GOOD = """<?xml version="1.0"?>
 <robot name="pendulum">

@@ -41,7 +41,7 @@ def test_the_bound_is_the_friction(made):
 def test_it_is_told_that_the_file_is_code(made):
     folder = made[0].parent
     log = (folder / "grid.log").read_text()
-    assert f"plug-in file {folder / 'my_engine.py'} is code and runs with your rights" in log
+    assert f"plug-in file {folder / 'my_engine.py'} is code and runs with your permissions" in log
 
 
 def test_an_edit_reruns_what_it_simulated(made):

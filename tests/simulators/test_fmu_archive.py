@@ -18,7 +18,7 @@ HOSTILE = {
     "document type": {ABOUT: b'<!DOCTYPE a [<!ENTITY x SYSTEM "file:///etc/passwd">]><a>&x;</a>'},
     "within each other": {ABOUT: b"<a>" * 1000 + b"</a>" * 1000},
     "not well-formed": {ABOUT: b"<a>"},
-    "is no FMU": {"other.xml": b"<a/>"},
+    "is not an FMU": {"other.xml": b"<a/>"},
     "the most are 20000000": {ABOUT: bytes(reading.MOST_XML + 1)},
 }
 
@@ -47,5 +47,5 @@ def test_a_bomb_is_not_unpacked(tmp_path, monkeypatch):
 
 def test_what_is_no_archive_at_all_is_told(tmp_path):
     (tmp_path / "a.fmu").write_bytes(b"PK\x03\x04" + bytes(100))
-    with pytest.raises(UserError, match="is no FMU"):
+    with pytest.raises(UserError, match="is not an FMU"):
         fmu_unit.Unit(tmp_path / "a.fmu")

@@ -62,7 +62,7 @@ def test_a_map_passes_with_its_results_as_they_are(tmp_path):
 
 @pytest.mark.parametrize(("kind", "blocks"), [(Clocked, 1), (Ordered, 1), (Drifts, 9)])
 def test_what_answers_in_two_ways_is_refused_with_the_call_and_how_to_declare_it(tmp_path, kind, blocks):
-    with pytest.raises(UserError, match="answers the same call in two ways, at x = ") as refused:
+    with pytest.raises(UserError, match="gives two results for the same call, at x = ") as refused:
         rolled(tmp_path, kind(), blocks)
     assert "plant.states" in refused.value.remedy
     assert "hidden_state" in refused.value.remedy

@@ -57,14 +57,14 @@ BROKEN = {
               ["it takes longer than 1 s", "x = -0.3, v = 0.4"]),
     "nan": ("def step(x, u, tau):\n    return x / (x[0] >= 0)", ["gives x = -inf, v = inf", "x = -0.3, v = 0.4"]),
     "shape": ("def step(x, u, tau):\n    return x[:1]", ["gives an array (1,) instead of (2,)"]),
-    "words": ("def step(x, u, tau):\n    return 'a'", ["gives 'a', which is no array of numbers"]),
+    "words": ("def step(x, u, tau):\n    return 'a'", ["gives 'a', which is not an array of numbers"]),
     "memory": ("n = [0]\ndef step(x, u, tau):\n    n[0] += 1\n    return x + n[0]",
-               ["answers the same call in two ways"]),
+               ["gives two results for the same call"]),
     "relay": ("on = [0]\ndef step(x, u, tau):\n    on[0] = 1 if x[0] > 0.5 else 0 if x[0] < -0.5 else on[0]\n"
-              "    return x + tau * on[0]", ["answers the same call in two ways", "plant.states", "hidden_state"]),
+              "    return x + tau * on[0]", ["gives two results for the same call", "plant.states", "hidden_state"]),
     "input before": ("before = [0.0]\ndef step(x, u, tau):\n    x = x + tau * before[0]\n    before[0] = u[0]\n"
                      "    return x",
-                     ["answers the same call in two ways"]),
+                     ["gives two results for the same call"]),
     "clock": ("import math, time\ndef step(x, u, tau):\n    return x + math.floor(30 * time.monotonic())",
               ["reads a clock"]),
 }  # fmt: skip
@@ -83,7 +83,7 @@ def test_what_goes_wrong_is_named_with_its_call(tmp_path, fault):
 @pytest.mark.parametrize(
     ("function", "said"),
     [("my_sim.py:other", "no function 'other'"), ("../my_sim.py:step", "outside"), ("none.py:step", "does not exist"),
-     ("step", "names no function")],
+     ("step", "does not name a function")],
 )  # fmt: skip
 def test_a_function_that_is_not_there_is_told_when_the_case_is_read(tmp_path, function, said):
     with pytest.raises(UserError, match=said):
@@ -94,7 +94,7 @@ def test_nothing_runs_while_a_case_is_read_and_it_is_told_that_it_is_code(tmp_pa
     path = written(tmp_path, f"open({str(tmp_path / 'ran')!r}, 'w')\n" + GOOD)
     load_case(path)
     assert not (tmp_path / "ran").exists()
-    assert f"{tmp_path / 'my_sim.py'} is code and runs with your rights" in caplog.text
+    assert f"{tmp_path / 'my_sim.py'} is code and runs with your permissions" in caplog.text
 
 
 @pytest.mark.parametrize(
@@ -154,7 +154,7 @@ def test_a_function_that_begins_to_drift_later_is_refused_when_it_does(tmp_path)
     try:
         assert np.array_equal(simulator.rollouts(x, u), x)
         simulator.rollouts(x, u)
-        with pytest.raises(UserError, match="in two ways"):
+        with pytest.raises(UserError, match="two results"):
             simulator.rollouts(x, u)
     finally:
         simulator.close()

@@ -58,7 +58,7 @@ def rolled(folder, fault, timeout=1.0):
         ("ctypes.PyDLL(None).sleep(600)", f"it takes longer than 1 s, at {AT}"),  # C code that holds the interpreter
         ("return x * np.nan", f"'mine.py:Mine' gives x = nan, v = nan, at {AT}"),
         ("return x[:1]", f"gives an array (1,) instead of (2,), at {AT}"),
-        ("return x + Mine.count", "the simulator answers the same call in two ways, at x = -0."),
+        ("return x + Mine.count", "the simulator gives two results for the same call, at x = -0."),
     ],
 )
 def test_a_fault_of_an_engine_is_named_with_its_call_and_bounded_in_time(tmp_path, fault, said):
@@ -79,5 +79,5 @@ def test_an_engine_that_behaves_is_left_as_it_is_and_its_chatter_goes_to_the_log
 
 def test_an_engine_that_grows_too_large_is_ended_and_told(tmp_path):
     grown = "import simgap.simulators.supervision as w; w.LARGEST = 1; time.sleep(30)"
-    with pytest.raises(SimgapError, match=r"its memory grew beyond what a stage may take, at x = -0.3"):
+    with pytest.raises(SimgapError, match=r"its memory grew beyond the limit of a stage, at x = -0.3"):
         rolled(tmp_path, grown, timeout=30.0)

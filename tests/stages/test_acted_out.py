@@ -66,7 +66,7 @@ def test_a_simulator_that_has_the_friction_does_not_get_it_again(tmp_path, simul
     page = (tmp_path / "out" / "report.html").read_text()
     assert "Where the effects go" in page
     assert content["simulator"]["reason"] in page
-    assert ("acts out coulomb friction" if twice else "stays as it is") in content["simulator"]["reason"]
+    assert ("includes coulomb friction" if twice else "stays as it is") in content["simulator"]["reason"]
 
 
 @pytest.mark.parametrize(
@@ -147,7 +147,7 @@ def test_a_simulator_that_follows_with_no_set_gets_what_its_engine_suggests():
     sets = [(one, two), (), (one,), (two,)]
     judged = acted_out._judged(told, sets, [31.0, 182.0, 27.3, 60.0])
     assert judged.effects == (one, two)
-    assert "None of the sets makes it follow them" in judged.reason
+    assert "It follows them with none of these sets" in judged.reason
     assert judged.reason.endswith("It cannot act out delay.")
     assert acted_out._judged(told, sets, [31.0, float("nan"), 1.3, 60.0]).effects == (one,)
     followed_it = acted_out._judged(told, sets, [31.0, 182.0, 1.3, 60.0])

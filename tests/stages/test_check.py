@@ -110,13 +110,13 @@ SURPRISES = [
     ("inertia", {}, {"simulator.inertia": "engine"}, "simulator.inertia", "principal moments"),
     ("damping", {"damping": 0.3}, {}, "simulator.damping.joint", "replaces the damping 0.3"),
     ("links", {}, {"simulator.damping": {"linear": 0.04}}, "simulator.damping", "damps every link"),
-    ("friction", {"friction": 0.5}, {}, "joint 'hinge'", "neither Drake nor the engine acts out its friction"),
+    ("friction", {"friction": 0.5}, {}, "joint 'hinge'", "neither Drake nor the engine simulates its friction"),
     ("stop", {"range": 'lower="-0.1" upper="0.1"'}, {}, "domain.X.q", "the engine stops it"),
     ("near", {"range": 'lower="-0.204" upper="0.3"'}, {}, "domain.X.q", "the stops at -0.204 and 0.3"),
     ("locked", {"range": 'lower="0" upper="0"'}, {}, "domain.X.q", "the engine stops it"),
-    ("effort", {"effort": 0.5}, {}, "domain.U.u", "no more than 0.5"),
-    ("velocity", {"velocity": 0.1}, {}, "domain.X.w", "no faster than 0.1"),
-    ("fastest", {}, {"domain.X": {"q": [-0.2, 0.2], "w": [-150, 150]}, "grid.eps": 9}, "domain.X.w", "speed at 100"),
+    ("effort", {"effort": 0.5}, {}, "domain.U.u", "limited to 0.5"),
+    ("velocity", {"velocity": 0.1}, {}, "domain.X.w", "limited to 0.1"),
+    ("fastest", {}, {"domain.X": {"q": [-0.2, 0.2], "w": [-150, 150]}, "grid.eps": 9}, "domain.X.w", "speed to 100"),
     ("mimic", {"inside": '<mimic joint="other"/>', "more": ARM}, TWO, "joint 'hinge'", "follow joint 'other'"),
     ("gear", {"gear": GEAR}, {}, "joint 'hinge'", "a gear or a rotor's inertia"),
 ]
@@ -223,7 +223,7 @@ def test_cells_are_told_as_the_cause_of_what_they_cost(tmp_path):
         case = {"synthesis": {"cells": [cells, cells], "specification": specification}, "budget.memory": "1 TiB"}
         found = {c.stage: c for c in costs.costs(Context.load(written(tmp_path, case=case)), rollout=1e-3)}
         assert found["audit"].key == key
-    assert found["audit"].of == "steps of an adversary"
+    assert found["audit"].of == "steps of the adversary"
 
 
 def test_the_stages_refuse_it_too(tmp_path):
@@ -255,7 +255,7 @@ def test_what_a_run_costs_is_said_before_anything_is_built(tmp_path, monkeypatch
     assert "of CPU time in all, most of it" in said[0]
     monkeypatch.setattr(check, "of_engine", lambda *given: (None, None))
     check.run(written(tmp_path), tell=said.append)
-    assert said[-2:] == ["building the nominal model of 2 states", "asking the engine pybullet"]
+    assert said[-2:] == ["building the nominal model of 2 states", "querying the engine pybullet"]
 
 
 def test_the_counts_are_those_of_the_stages(tmp_path):

@@ -88,8 +88,8 @@ def test_files_with_other_weights_are_fitted_as_one(tmp_path):
 @pytest.mark.parametrize(
     ("conditions", "said"),
     [
-        (["{file: other.csv, m: 2.0}"], "no recording is called"),
-        (["{file: light.csv, mass: 2.0}"], "no parameter of the plant"),
+        (["{file: other.csv, m: 2.0}"], "there is no recording"),
+        (["{file: light.csv, mass: 2.0}"], "not a parameter of the plant"),
         (["{file: light.csv}"], "a parameter of the plant"),
         (["{file: light.csv, m: 2.0}", "{file: light.csv, m: 1.0}"], "given twice"),
         (["{file: light.csv, m: heavy}"], "m"),

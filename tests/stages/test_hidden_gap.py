@@ -21,7 +21,7 @@ SMALL = {
     "simulator.urdf": str(ROOT / "configs/models/turtlebot.urdf"),
     "hidden_state.chains": 4,
     "hidden_state.chain_length": 500,
-    "hidden_state.search": 0,  # nothing was simulated, so there is no engine to search
+    "hidden_state.search": 0,  # nothing was simulated, so there is not an engine to search
     "symmetry.histories": 5,
     "symmetry.tolerance": {"x": 0.02, "y": 0.02, "theta": 0.05},
     "hidden_state.classes": {},

@@ -115,7 +115,7 @@ def test_what_the_simulator_itself_shows_changes_the_model_alone(corrected):
 def test_an_offset_of_a_sensor_does_not_move_the_twin(corrected):
     path = corrected([AppliedEffect("sensor_offset", "x1", {"offset": 0.05})])
     assert load_case(path).simulator.effects == ()
-    assert "Subtract the sensor's offset" in path.read_text()
+    assert "Subtract the offset" in path.read_text()
 
 
 def test_a_late_command_is_not_constant_between_samples(vary):

@@ -137,8 +137,8 @@ def test_a_case_of_four_states_has_the_numbers_that_were_found(root, tmp_path, m
     assert limits == {"u1": 100.0, "u2": 100.0}
     assert room["q1"] == (-12.6, 12.6)
     assert room["v2"] == (-100.0, 100.0)
-    assert "every joint is taken to have a drive" in notes[0]
-    assert "alone wins 0.25 of X; the case takes 12 x 12 x 14 x 14 cells" in notes[1]
+    assert "every joint is assumed to have a drive" in notes[0]
+    assert "alone wins 0.25 of X; the case uses 12 x 12 x 14 x 14 cells" in notes[1]
 
 
 def geared(root, folder, changes=(), transmissions=()):
@@ -173,9 +173,9 @@ def test_what_drives_an_underactuated_robot_is_asked_for(root, tmp_path):
     with pytest.raises(UserError, match="does not say which joints have a drive") as caught:
         new.run("mine", tmp_path / "m.urdf", tmp_path)
     assert "--inputs shoulder" in caught.value.remedy
-    with pytest.raises(UserError, match="no moving joint is called 'wrist'"):
+    with pytest.raises(UserError, match="there is no moving joint 'wrist'"):
         new.run("mine", tmp_path / "m.urdf", tmp_path, ["wrist"])
-    with pytest.raises(UserError, match="no moving joint is called 'wrist'"):
+    with pytest.raises(UserError, match="there is no moving joint 'wrist'"):
         new.run("mine", tmp_path / "m.urdf", tmp_path, ["elbow"], {"wrist": 1.0})
     assert not (tmp_path / "mine.yaml").exists()
 
@@ -321,9 +321,9 @@ def test_a_name_of_a_joint_is_no_yaml(root, tmp_path):
 
 def test_what_is_there_stays(tmp_path):
     (tmp_path / "mine.yaml").write_text("kept")
-    with pytest.raises(UserError, match="is there already"):
+    with pytest.raises(UserError, match="already exists"):
         new.run("mine", None, tmp_path)
-    with pytest.raises(UserError, match="is no name of a case"):
+    with pytest.raises(UserError, match="is not a valid case name"):
         new.run("Grün", None, tmp_path)
     with pytest.raises(UserError, match=r"no such|does not exist"):
         new.run("other", tmp_path / "none.urdf", tmp_path)

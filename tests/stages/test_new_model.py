@@ -78,9 +78,9 @@ def test_a_case_of_one_joint_of_an_arm_stands_beside_its_file(tmp_path):
     assert load_case(case).plant.urdf == "mine_model.urdf"
     assert list(load_case(case).plant.inputs) == ["u"]
     assert "mine_model.urdf has the other joints locked: ja0 at 0.4, ja1 at 0, ja3 at 0." in notes
-    assert "Its base, link 'base', is taken for bolted to the world." in notes
+    assert "Its base, link 'base', is assumed to be bolted to the world." in notes
     case.unlink()
-    with pytest.raises(UserError, match=r"mine_model\.urdf: is there already"):
+    with pytest.raises(UserError, match=r"mine_model\.urdf: already exists"):
         run("mine", urdf(tmp_path, chain("a", 4)), tmp_path, joints=["ja2"])
 
 
@@ -95,13 +95,13 @@ REFUSED = {
              r"--base: 2 chains of joints begin at its base \('ja0', 'jb0'\), as legs"),
     "car": (tuple(wheel(n, f"{x} {y} 0") for n, x, y in (("a", 1, 1), ("b", 1, -1), ("c", -1, 1), ("d", -1, -1))), {},
             r"--base: it has wheels \('ja', 'jb', 'jc', 'jd'\)"),
-    "floating": ((link("a"), joint("ja", "base", "a", "floating")), {}, "'ja' is floating: a base that moves freely"),
+    "floating": ((link("a"), joint("ja", "base", "a", "floating")), {}, "'ja' is floating: a floating base"),
     "no wheels": ((chain("a", 2),), {"base": "wheels"}, "--base: no two driven wheels are seen"),
     "mimic": ((chain("a", 1), link("m"), joint("jm", "base", "m", more=MIMIC)), {},
               r"joint 'jm': mimics 'ja0': the two are one coordinate"),
     "mimic of what is kept": ((chain("a", 1), link("m"), joint("jm", "base", "m", more=MIMIC)), {"joints": ["ja0"]},
                               "mimics 'ja0'"),
-    "no such joint": ((chain("a", 2),), {"joints": ["elbow"]}, "--joints: no moving joint is called 'elbow'.*ja0, ja1"),
+    "no such joint": ((chain("a", 2),), {"joints": ["elbow"]}, "--joints: there is no moving joint 'elbow'.*ja0, ja1"),
     "beyond a stop": ((chain("a", 3),), {"joints": ["ja0"], "at": {"ja2": 2.1}}, "--at: ja2=2.1 is beyond a stop"),
 }  # fmt: skip
 
@@ -152,7 +152,7 @@ def test_meshes_that_are_not_there_are_left_out_and_told(tmp_path):
     path = urdf(tmp_path, link("a", more=mesh), joint("ja", "base", "a"))
     model = model_of_urdf(path, asked(tmp_path), notes.append)
     assert model.file.meshes == ()
-    assert "package://gone/arm.stl is not there" in notes[0]
+    assert "package://gone/arm.stl is missing" in notes[0]
 
 
 CART = """<mujoco><compiler angle="radian"/><option timestep="0.002"/><worldbody>{more}
@@ -248,7 +248,7 @@ MJCF_REFUSED = {
     "coupled": ({"tail": '<equality><joint joint1="rail" joint2="hinge"/></equality>'}, {}, "couples joints, as mimic"),
     "tendons": ({"tail": '<tendon><fixed><joint joint="rail" coef="1"/></fixed></tendon>'}, {}, "it has tendons"),
     "tilted": ({"more": "</worldbody><option gravity='3 0 -9'/><worldbody>"}, {}, "its gravity is not along -z"),
-    "no such joint": ({}, {"joints": ["elbow"]}, "--joints: no hinge or slide is called 'elbow'.*rail, hinge"),
+    "no such joint": ({}, {"joints": ["elbow"]}, "--joints: there is no hinge or slide 'elbow'.*rail, hinge"),
     "beyond a stop": ({}, {"at": {"rail": 3.0}}, "--at: rail=3 is beyond a stop"),
 }  # fmt: skip
 

@@ -93,5 +93,5 @@ def test_the_proposed_recording_tells_what_the_first_could_not(tmp_path):
             stage.run(case, tmp_path / "bad", tmp_path / "none")
     with pytest.raises(UserError, match="no states"):
         stage.run(case, tmp_path / "found", tmp_path / "none", start={"angle": 1.0})
-    with pytest.raises(UserError, match="would use nothing"):
+    with pytest.raises(UserError, match="is too short"):
         stage.run(case, tmp_path / "found", tmp_path / "none", seconds=0.2)

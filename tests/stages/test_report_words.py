@@ -67,9 +67,9 @@ def test_shares_of_both_controllers_are_of_the_same_cells():
     }
     m = SimpleNamespace(syntheses=syntheses)
     assert headline.common_free(syntheses) == 10000
-    assert headline._won(m, "gap") == "0.795 (7,952 cells)"
-    assert headline._won(m, "nominal") == "0.990 (9,900 cells)"
-    assert "8,000 of them stay free between samples, of which it wins 0.994" in headline._own_share(m)
+    assert headline._won(m, "gap") == "79.5 % (7,952 cells)"
+    assert headline._won(m, "nominal") == "99.0 % (9,900 cells)"
+    assert "8,000 of them stay free between samples, of which it wins 99.4 %" in headline._own_share(m)
     same = SimpleNamespace(syntheses={k: s | {"free_cells": 10000} for k, s in syntheses.items()})
     assert headline._own_share(same) == ""
 

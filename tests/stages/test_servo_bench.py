@@ -99,7 +99,7 @@ def test_from_the_logs_of_a_bench_to_a_verdict(bench):
 
 
 WRONG = [
-    ({"conditions_from": {"M": "mass"}}, "conditions_from.M", "'M' is no parameter of the plant", "Known: g, kp, l, m"),
+    ({"conditions_from": {"M": "mass"}}, "conditions_from.M", "'M' is not a parameter of the plant", "Known: g, kp"),
     ({"conditions_from": {"m": "weight"}}, "conditions_from.m.column", "has no column 'weight'", "Name one"),
     ({"conditions_from": {"m": "timestamp"}}, "conditions_from.m.column", "is the column of time stamps", "Name one"),
     ({"conditions_from": {"m": {"column": "mass", "unit": "V"}}}, "conditions_from.m.unit", "'V' cannot be", "like"),
@@ -139,7 +139,7 @@ def moves(content):
 REFUSED = [
     (moves, r"conditions_from\.m.*row 51: 'mass' gives 0\.3 kg where it gave 0\.2 before.*cut the file there"),
     (lambda content: content.update(mass="heavy"), r"row 1, key 'mass': 'heavy' is a text, not a number"),
-    (lambda content: content.update(mass=None), r"row 1, key 'mass': null is no reading"),
+    (lambda content: content.update(mass=None), r"row 1, key 'mass': null is not a reading"),
 ]
 
 

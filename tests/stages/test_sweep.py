@@ -57,7 +57,7 @@ def test_every_combination_or_one_after_the_other(write):
     [
         ({"gap.slak": [1]}, {}, "gap.slak: unknown key. Did you mean 'slack'?"),
         ({"gap.slack.x": [1], "gap.slack": [1]}, {}, "gap.slack"),
-        ({"title.x": [1]}, {}, "axes.title.x: 'title' holds no keys"),
+        ({"title.x": [1]}, {}, "axes.title.x: 'title' has no keys"),
         ({"gap.slack": [0.1, 0.2], "gap.seed": [1]}, {"mode": "zip"}, "axes: zipped axes have different lengths"),
         ({"gap.slack": []}, {}, "axes: there is no point"),
         ({"gap.slack": 3}, {}, "axes.gap.slack: a list is needed, got 3"),
@@ -66,7 +66,7 @@ def test_every_combination_or_one_after_the_other(write):
         ({"gap.slack": [1]}, {"mode": "list"}, "mode: mode list has points and no axes"),
         ({"gap.slack": [1]}, {"points": [{"gap.slack": 2}]}, "mode: mode grid has axes and no points"),
         ({}, {}, "mode: mode grid has axes and no points"),
-        ({"gap.slack": [0.1, 0.1]}, {}, "axes: a point stands there twice"),
+        ({"gap.slack": [0.1, 0.1]}, {}, "axes: a point appears twice"),
     ],
 )
 def test_mistakes_are_one_line(write, axes, more, words):

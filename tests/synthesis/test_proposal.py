@@ -117,7 +117,7 @@ def test_postures_that_do_not_rest_are_refused_with_what_moves():
     )
     with pytest.raises(UserError, match=r"no input holds the posture q=0.5, v=0: v changes by -7.05"):
         posture_of(two, {"q": 0.5})
-    with pytest.raises(UserError, match="are no states"):
+    with pytest.raises(UserError, match="are not states"):
         posture_of(two, {"w": 0.5})
     held = posture_of(pendulum(top=False), {"q": 0.5})
     assert held.u[0] == pytest.approx(14.715 * np.sin(0.5) / 3.0)
@@ -135,7 +135,7 @@ def test_an_input_that_moves_nothing_is_named():
 @pytest.mark.parametrize(("push", "limit"), [(3.0, 1e-6), (3e-6, 1.0)])
 def test_inputs_that_move_next_to_nothing_are_the_reason_for_an_X_without_size(top, push, limit):
     model = pendulum(top, push)
-    with pytest.raises(UserError, match="the inputs move next to nothing: u ") as refused:
+    with pytest.raises(UserError, match="the inputs hardly move anything: u ") as refused:
         propose(model, sampled(model), {}, {"u": limit}, {})
     assert refused.value.key == "domain.U"
 
@@ -149,7 +149,7 @@ def test_a_state_without_room_is_the_reason_for_an_X_without_size():
 
 def test_an_arm_of_two_motors_has_the_same_reasons():
     model = arm()
-    with pytest.raises(UserError, match="the inputs move next to nothing"):
+    with pytest.raises(UserError, match="the inputs hardly move anything"):
         propose(model, sampled(model), {}, {"u1": 1e-6, "u2": 1e-6}, {})
     with pytest.raises(UserError, match="q1 has no room"):
         propose(model, sampled(model), {}, {"u1": 0.5, "u2": 3.0}, {"q1": (-1e-5, 1e-5)})
@@ -159,7 +159,7 @@ def test_equations_that_are_in_other_units_are_told_from_ones_that_no_input_move
     v, u = symbol("v"), symbol("u")
     states = (Variable("q", "rad"), Variable("v", "rad/s"))
     still = SymbolicModel(states, (Variable("u", "N*m"),), {}, (1e-9 * v, 1e-9 * u), (Coordinate("hinge", "q", "v"),))
-    with pytest.raises(UserError, match="left to itself the plant all but stands still"):
+    with pytest.raises(UserError, match="without input the plant hardly moves"):
         propose(still, sampled(still), {}, {}, {})
     apart = SymbolicModel(states, (Variable("u", "N*m"),), {}, (u, v), ())
     with pytest.raises(UserError, match="what v does is moved by no input"):

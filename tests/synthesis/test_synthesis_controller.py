@@ -165,7 +165,7 @@ def robot(target=((8, 9), (8, 9)), obstacles=(), clearance=0.0, cells=(50, 50, 1
         ({"target": ((9, 11), (8, 9))}, "target lies outside the arena"),
         ({"target": ((8, 9), (8, 9)), "obstacles": [((7, 9.5), (7, 9.5))]}, "inside an obstacle"),
         ({"target": ((8.05, 8.25), (8, 9))}, "no cell fits into the target along x.*Cells of 0.1 or less would do"),
-        ({"clearance": 6.0}, "clearance leaves nothing"),
+        ({"clearance": 6.0}, "clearance leaves no room"),
     ],
 )
 def test_a_reach_specification_that_cannot_be_met_is_refused(changes, text):

@@ -318,7 +318,7 @@ def _sought(found: Found) -> tuple[Sought, ...]:
         if key.effect in TERMS:
             gain = found.gains.get(k)
             taken = k in found.active and found.used[k] != 0.0
-            why = "" if taken else "gains too little on choose, has the wrong sign, or is what others do already"
+            why = "" if taken else "improves too little on choose, has the wrong sign, or is covered by others"
             rows.append(Sought(key.effect, key.on, gain, "its interval holds 0" if gain and not taken else why))
     return tuple(rows)
 
@@ -336,9 +336,11 @@ def _predictions(confirm: Part, corrected: Part, theta: Floats, names: Sequence[
 def _warnings(folds: ArmFolds, found: Found) -> tuple[str, ...]:
     said = list(found.said)
     if not folds.confirm.live.any():
-        said.append("Nothing moves in what confirms: dry friction may hold anything there, and friction is not tested.")
+        said.append(
+            "Nothing moves in the confirming data: dry friction may balance any force there, so friction is not tested."
+        )
     if found.bodies is None and any(found.keys[k].effect == INERTIAL for k in found.active):
         said.append(
-            "No inertial parameters that bodies can have were found: the corrected case keeps the declared ones."
+            "No physically consistent inertial parameters were found: the corrected case keeps the declared ones."
         )
     return tuple(said)

@@ -24,8 +24,8 @@ from simgap.diagnosis.thresholds import BIC_GAIN, MOST, SURE
 
 GAIN = "input_gain"
 SAID = (
-    "The gains are relative to the declared masses: if all of these were off by one factor, other gains would do; a "
-    "payload of known mass tells (measured.payloads, mass)."
+    "The gains are relative to the declared masses: if all of these were off by one factor, other gains would fit; a "
+    "payload of known mass decides (measured.payloads, mass)."
 )
 
 

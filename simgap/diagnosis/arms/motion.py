@@ -109,7 +109,7 @@ def motions(record: Record, where: Columns) -> tuple[Motion, ...]:
     if not band > 0.0:
         raise UserError(
             f"no joint moves in any recording (faster than {_STILL:g} rad/s or m/s)", key="measured.files",
-            remedy="Name recordings in which the arm moves: at rest dry friction holds anything.",
+            remedy="Name recordings in which the arm moves: at rest dry friction balances any force.",
         )  # fmt: skip
     cut = min(BAND * band, _OF_THE_RATE * rate)
     low_pass = Filter(cut, rate)

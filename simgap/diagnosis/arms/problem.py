@@ -219,7 +219,7 @@ def folds_of(
     for p in payloads:
         if not set(p.traces) & set(traces["fit"]):
             raise UserError(
-                f"nothing that is fitted to carries the payload of '{p.link}'", key="measured.held_out",
+                f"no fitted trace carries the payload of '{p.link}'", key="measured.held_out",
                 remedy="Record more traces, or hold out other files.",
             )  # fmt: skip
     return ArmFolds(**parts, traces=traces)

@@ -78,7 +78,7 @@ def faulty_columns(
     for j in sorted(set(own) - out):
         pushes = any(value > SURE * error for value, error in own[j].friction)
         if own[j].tells and own[j].slope + SURE * own[j].error < 0.0 and not pushes:
-            sentence = f"The column of {inputs[j]} has the other sign. {_TAKEN_OUT}"
+            sentence = f"The column of {inputs[j]} has the wrong sign. {_TAKEN_OUT}"
             faults.append(WrongSign().told(inputs[j], own[j].slope, sentence))
             out.add(j)
     said = tuple(_scaled(inputs[j], own[j].slope) for j in sorted(set(own) - out) if own[j].is_scaled)
@@ -133,13 +133,13 @@ def _left(rows: Part, theta: Floats) -> float:
 
 def _scaled(name: str, slope: float) -> str:
     return (
-        f"Friction beside, {name} is {slope:.3g} times what the declared arm asks for: look for a unit, a drive gain "
-        "or masses before believing what else is named there; a payload of known mass tells them apart."
+        f"Besides friction, {name} is {slope:.3g} times what the declared arm needs: check units, drive gain and "
+        "masses before trusting other effects named there; a payload of known mass separates them."
     )
 
 
 def _swapped(first: str, second: str, both: bool) -> RecordingFault:
     what = f"The column of {first} follows what {second} would be far better than its own."
     if both:
-        what = f"The columns of {first} and {second} stand in each other's place."
+        what = f"The columns of {first} and {second} are swapped."
     return SwappedColumns().of(first, second, f"{what} {_TAKEN_OUT}")

@@ -44,7 +44,7 @@ def windows_to_come(record: Record, settings: DiagnosisSettings, t: Floats) -> t
     tells = folds[0] | folds[1]
     if not tells.any():
         raise UserError(
-            f"of a recording of {t[-1] - t[0]:.3g} s the diagnosis would use nothing to tell explanations apart",
+            f"a recording of {t[-1] - t[0]:.3g} s is too short to separate explanations",
             key="--seconds", remedy=f"Give more, such as {2.0 * settings.window_s:.3g} s.",
         )  # fmt: skip
     return windows, tells
@@ -140,10 +140,7 @@ def best_remedy(options: Sequence[tuple[str, str, str, Callable[[], float]]], wa
 def set_words(name: str, value: float, unit: str) -> str:
     """What to mount."""
     size = f"{number(value)} {pretty_unit(unit)}".strip()
-    return (
-        f"set {name} to a value that you know, such as {size} (weigh or measure it), and say so under "
-        "measured.conditions"
-    )
+    return f"set {name} to a known value, such as {size} (weigh or measure it), and say so under measured.conditions"
 
 
 WANTED = 1.0 - MATTERS

@@ -18,13 +18,13 @@ def paragraph(question: Question, advice: Advice, units: Mapping[str, str], file
     labels = [r.label for r in rivals]
     shown = labels if len(labels) <= _MOST_NAMED else [*labels[:_MOST_NAMED], f"{len(labels) - _MOST_NAMED} more"]
     if len(rivals) == 1:
-        opening = f"These recordings tell {labels[0]} from everything else that was tried."
+        opening = f"These recordings separate {labels[0]} from everything else that was tried."
     else:
-        opening = f"These recordings cannot tell apart {joined(shown)}."
+        opening = f"These recordings cannot separate {joined(shown)}."
     if best is None:
         return (
             f"{opening} Each of the {advice.proposal.tried} inputs that were tried takes the plant out of its range "
-            "(domain.X, or what was recorded): widen it, or start elsewhere."
+            "(domain.X, or the recorded one): widen it, or start elsewhere."
         )
     how = _recording(question, advice, units, file)
     if len(rivals) == 1:
@@ -52,9 +52,9 @@ def _recording(question: Question, advice: Advice, units: Mapping[str, str], fil
     under = f" with {held}" if held else ""
     rate = 1.0 / float(t[1] - t[0])
     return (
-        f"Play {file} ({best.name}, improved from there; {t[-1] - t[0]:.3g} s at {rate:.4g} Hz, "
-        f"{joined(peaks)}) from {start}{under}, record it, and diagnose it together with what there is, the new file "
-        "first."
+        f"Apply {file} ({best.name}, improved from there; {t[-1] - t[0]:.3g} s at {rate:.4g} Hz, "
+        f"{joined(peaks)}) from {start}{under}, record the response, and diagnose it together with the existing "
+        "recordings, the new file first."
     )
 
 
@@ -67,18 +67,18 @@ def _certainty(advice: Advice) -> str:
     if advice.proposal.sure >= WANTED:
         equal = [f"{rivals[i].label} and {rivals[j].label}" for i, j in advice.proposal.alike()]
         text = (
-            f"Then {'the others' if equal else 'they'} are told apart with a probability of at least {chance} (the "
+            f"Then {'the others' if equal else 'they'} are separated with a probability of at least {chance} (the "
             f"closest pair: {pair}), given the measured noise and that one of them is right. {_besides_them(advice)}"
         )
         if not equal:
             return text
         return f"{text} Under every input that was tried {joined(equal)} act alike{_besides(advice)}."
     text = (
-        f"No input within the limits makes one sure: of {advice.proposal.tried} that were tried the best tells them "
-        f"apart with a probability of {chance} ({pair})."
+        f"No input within the limits is enough: the best of {advice.proposal.tried} that were tried separates them "
+        f"with a probability of {chance} ({pair})."
     )
     if advice.remedy is None:
-        return f"{text} They act alike on what is measured here; take whichever is simpler to mend."
+        return f"{text} They act alike on what is measured here; take whichever is simpler to correct."
     return f"{text} Instead {advice.remedy.sentence}: then the probability is {_percent(advice.remedy.sure)}."
 
 
@@ -102,7 +102,7 @@ def lengths_in_words(advice: Advice) -> str:
     short, long = _seconds(advice)
     now, whole = advice.proposal, advice.longest
     rows = [(short, now)] if whole is None else [(short, now), (long, whole)]
-    each = [f"{s}: told apart with {_percent(p.sure)}, another effect named with {_percent(p.shown)}" for s, p in rows]
+    each = [f"{s}: separated with {_percent(p.sure)}, another effect named with {_percent(p.shown)}" for s, p in rows]
     return "\n".join(each)
 
 
@@ -120,8 +120,8 @@ def _percent(probability: float) -> str:
 def _besides(advice: Advice) -> str:
     """What tells those apart that no input does."""
     if advice.remedy is None:
-        return ": take whichever is simpler to mend"
-    return f"; to tell these, {advice.remedy.sentence} (probability {_percent(advice.remedy.sure)})"
+        return ": take whichever is simpler to correct"
+    return f"; to separate these, {advice.remedy.sentence} (probability {_percent(advice.remedy.sure)})"
 
 
 def _intervals(advice: Advice) -> str:

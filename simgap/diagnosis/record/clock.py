@@ -70,7 +70,7 @@ def check_forward(t: Floats, rows: Ints, file: str, trace: str | None) -> None:
         raise UserError(
             f"row {int(rows[k + 1]) + 1}: time runs backwards{of}, from {t[k]:.9g} s to {t[k + 1]:.9g} s",
             file=file,
-            remedy="Sort the rows, or tell the traces apart with a trace column.",
+            remedy="Sort the rows, or separate the traces by a trace column.",
         )
 
 

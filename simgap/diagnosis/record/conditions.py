@@ -40,7 +40,7 @@ def conditioned(model: SymbolicModel, names: Sequence[str]) -> SymbolicModel:
     for name in names:
         if name not in model.parameters:
             known = [n for n in model.parameters if "." not in n]
-            raise UserError(f"'{name}' is no parameter of the plant", key=_KEY, remedy=f"Known: {', '.join(known)}.")
+            raise UserError(f"'{name}' is not a parameter of the plant", key=_KEY, remedy=f"Known: {', '.join(known)}.")
     more = tuple(Variable(n, model.parameters[n].unit) for n in names)
     left = {n: p for n, p in model.parameters.items() if n not in names}
     return replace(model, inputs=(*model.inputs, *more), parameters=left, conditions=tuple(names))
@@ -64,8 +64,10 @@ def told_by_columns(table: RawTable, channels: Sequence[Channel]) -> dict[str | 
                 raise UserError(
                     f"row {rows[other[0]] + 1}: '{c.column}' gives {own[other[0]]:.6g} {c.unit} where it gave "
                     f"{own[0]:.6g} before", file=table.file, key=c.key,
-                    remedy="A condition holds throughout: cut the file there, or tell its parts apart with a trace "
-                    "column; for what is measured with noise state its mean under measured.conditions.",
+                    remedy=(
+                        "A condition holds throughout: cut the file there, or separate its parts by a trace column; "
+                        "for what is measured with noise state its mean under measured.conditions."
+                    ),
                 )  # fmt: skip
             found.setdefault(label, {})[c.name] = float(own[0])
     return found
@@ -88,9 +90,7 @@ def under_conditions(
     files = {file for file, _ in reading.origins.values()}
     for c in conditions:
         if not any(same_file(c.file, file) for file in files):
-            raise UserError(
-                f"no recording is called '{c.file}'", key=_KEY, remedy=f"Files: {', '.join(sorted(files))}."
-            )
+            raise UserError(f"there is no recording '{c.file}'", key=_KEY, remedy=f"Files: {', '.join(sorted(files))}.")
     _ = conditioned(model, names)  # refuses unknown names
     traces = []
     record = reading.record

@@ -203,7 +203,7 @@ def cut_in_folds(
             raise UserError(
                 f"{record.rows} samples are too few for the three folds fit, choose and confirm",
                 key="measured.held_out",
-                remedy="Record for longer, or hold out less.",
+                remedy="Record longer, or hold out less.",
             )
         length /= 2
 

@@ -186,7 +186,7 @@ def _excitation(record: Record, model: SymbolicModel) -> Iterator[str]:
         spread = max(float(np.ptp(trace.u[:, k])) for trace in record.traces)
         if spread <= 1e-9:
             yield (
-                f"input {name} is constant: its gain, bias, delay and dead zone cannot be told; "
+                f"input {name} is constant: its gain, bias, delay and dead zone cannot be identified; "
                 f"drive it with a sum of sines over 0.1 to 8 Hz"
             )
     for c in model.coordinates:
@@ -213,8 +213,8 @@ def _motion(record: Record, model: SymbolicModel, c: Coordinate) -> Iterator[str
         share = min(float(np.sum(forward[forward > 0])), -float(np.sum(forward[forward < 0]))) / total
         if share < A_FEW:
             yield (
-                f"{c.position} moves in one direction only: friction cannot be told from a bias; "
-                f"let it reverse several times"
+                f"{c.position} moves in one direction only: friction cannot be separated from a bias; let it reverse "
+                "several times"
             )
 
 
@@ -254,7 +254,7 @@ def _lag_words(lags: tuple[VelocityLag, ...], traces: tuple[TraceLook, ...]) -> 
             side = "trails" if lag.lag_s > 0 else "leads"
             yield (
                 f"{lag.velocity} {side} the derivative of {lag.position} by {1e3 * abs(lag.lag_s):.1f} ms: "
-                f"it was filtered; leave it out if the diagnosis blames a delay"
+                f"it was filtered; leave it out if the diagnosis names a delay"
             )
 
 
@@ -263,13 +263,13 @@ def _still_words(still: tuple[Stretch, ...], frozen: tuple[Stretch, ...], total:
     if rest > MATTERS * total:
         yield (
             f"nothing moves for {rest:.3g} s of {total:.3g} s (longest: {_longest(still)}): "
-            f"that time says little; drop it with measured.masks"
+            f"that time carries little information; drop it with measured.masks"
         )
     if frozen:
         names = ", ".join(sorted({s.channel or "" for s in frozen}))
         yield (
-            f"{names} repeats one number while the rest moves (longest: {_longest(frozen)}): "
-            f"a sensor that hangs; drop such times with measured.masks"
+            f"{names} repeats one value while the rest moves (longest: {_longest(frozen)}): a stuck sensor; drop "
+            "such times with measured.masks"
         )
 
 

@@ -118,7 +118,7 @@ def read_traces(tables: Sequence[RawTable], channels: Sequence[Channel], options
     ]
     if not held and (options.held_files or options.held_traces):
         warnings.append(
-            "what the case holds out is not among these data (or is all of them): a share of them is held out"
+            "the data held out by the case are not among these (or are all of them): a share of these is held out"
         )
     return Reading(record, tuple(notes), held, tuple(warnings), origins)
 
@@ -199,7 +199,7 @@ def _nothing_left(notes: Sequence[FileNotes], options: ReadingOptions) -> UserEr
         f" ({sum(n.short_pieces for n in notes)} shorter pieces dropped{cut})",
         file=notes[0].file,
         key="measured.window_s",
-        remedy="Record for longer, shorten measured.window_s, or correct measured.time.unit, gap_s or the masks.",
+        remedy="Record longer, shorten measured.window_s, or correct measured.time.unit, gap_s or the masks.",
     )
 
 
@@ -232,7 +232,7 @@ def _held_out(origins: Mapping[str, tuple[str, str | None]], options: ReadingOpt
 def _warnings(notes: Sequence[FileNotes]) -> Iterator[str]:
     for n in notes:
         if n.repeated:
-            yield f"{n.file}: {_count(n.repeated, 'row')} repeated a time stamp: the mean stands for each"
+            yield f"{n.file}: {_count(n.repeated, 'row')} repeated a time stamp: their mean is used"
         if n.gaps:
             yield f"{n.file}: traces are split at {_count(n.gaps, 'gap')} in time"
         if n.short_pieces:

@@ -52,7 +52,7 @@ class Watch:
             self.best, self.told = best, now
             self.tell(f"{self.sets} sets of effects fitted in {now:.0f} s of CPU; best so far: {best}")
         if self.budget_s is not None and now > self.budget_s and not (self.stopped or self.over):
-            self.stopped = f"The search was ended after measured.budget_s = {self.budget_s:g} s"
+            self.stopped = f"The search was stopped after measured.budget_s = {self.budget_s:g} s"
             raise Stopped
 
     def interrupted(self) -> None:

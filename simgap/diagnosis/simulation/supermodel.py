@@ -165,7 +165,7 @@ def build_supermodel(
     """
     for name in effects:
         if name not in EFFECTS:
-            raise UserError(f"no effect is called '{name}'", remedy=f"Known: {', '.join(EFFECTS)}.")
+            raise UserError(f"there is no effect '{name}'", remedy=f"Known: {', '.join(EFFECTS)}.")
     for name in measured:
         if name not in model.state_names:
             raise UserError(f"'{name}' is measured but not a state", remedy=f"States: {list(model.state_names)}.")

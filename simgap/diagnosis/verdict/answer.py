@@ -19,7 +19,7 @@ from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.effects import AppliedEffect
 from simgap.model.symbolic import SymbolicModel
 
-_ANY_EXCITATION = "an excitation that moves them apart: other frequencies, sizes and positions"
+_ANY_EXCITATION = "a different excitation: other frequencies, amplitudes and positions"
 _MOST_WINDOWS, _MOST_SAMPLES = 100, 20_000
 """Of each kind, for plots and for the bound of what is left: whichever allows more windows."""
 
@@ -72,7 +72,7 @@ def alternatives(found: Explanation, rivals: Sequence[Rival]) -> tuple[Alternati
     return tuple(Alternative(whole_set(r.explanation), r.explanation.bic - found.bic, r.exact) for r in rivals)
 
 
-_NOT_PHYSICAL = "its best fit is not physical or vanishes"
+_NOT_PHYSICAL = "its best fit is unphysical or zero"
 
 
 def candidate_scores(search: Search, empty: Explanation, barred: Mapping[Key, str]) -> tuple[CandidateScore, ...]:
@@ -87,13 +87,15 @@ def candidate_scores(search: Search, empty: Explanation, barred: Mapping[Key, st
     rows = []
     for c in search.problem.model.candidates:
         e: Explanation | None = alone.get(c.key)
-        reason = "" if c.key in promised else "the data ask for the opposite sign or nothing at all"
+        reason = "" if c.key in promised else "the data imply the opposite sign or no effect"
         if c.key in search.unseen[empty.keys]:
-            reason = "these data cannot see it"
+            reason = "these data do not show it"
         reason = barred.get(c.key, reason)
         if e is not None and not e.physical:
             bent = c.effect.one_curve and sound(c, e.fit)
-            reason = "it bends to anything, and leaves more than noise" if bent else _NOT_PHYSICAL
+            reason = (
+                ("it is flexible enough to fit anything, and still leaves more than noise") if bent else _NOT_PHYSICAL
+            )
         rows.append(
             CandidateScore(
                 c.effect.name,
@@ -115,7 +117,7 @@ def collinear_table(pairs: Sequence[tuple[Key, Key, float]], exact: float) -> tu
         known, other = effect_or_fault(a[0]).excitation, effect_or_fault(b[0]).excitation
         advice = known if known and known == other else _ANY_EXCITATION
         if correlation > exact:
-            advice = "to first order no motion separates them: measure one of them directly"
+            advice = "to first order no motion separates them: measure one directly"
         rows.append(Collinear(a, b, correlation, advice))
     return tuple(rows)
 

@@ -41,8 +41,8 @@ def push_faults(spans: Sequence[Span], known: Problem, names: Sequence[str]) -> 
     kept = float(np.sum(known.t[known.windows.stop - 1] - known.t[known.windows.start]))
     where = joined(places if len(places) <= 3 else [*places[:3], f"{len(places) - 3} more"])
     sentence = (
-        f"{where[0].upper()}{where[1:]} (a push?): {100 * lasts / (lasts + kept):.2g} % of the fitted time weighs "
-        "nothing, as it stands out and no effect that was tried explains it."
+        f"{where[0].upper()}{where[1:]} (a push?): {100 * lasts / (lasts + kept):.2g} % of the fitted time has no "
+        "weight: it stands out, and no effect that was tried explains it."
     )
     return (Push().told("", lasts, sentence),)
 

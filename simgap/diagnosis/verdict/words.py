@@ -82,7 +82,7 @@ def _doubt(effect: Mapping[str, Any]) -> str:
     more = [f"{len(sets) - 2} more"] if len(sets) > 3 else []
     sets = sets[:2] if more else sets
     if all(len(alternative) == 1 for alternative in effect["alternatives"]):
-        return f"{joined([phrase(effect), *sets, *more])} cannot be told apart from this data"
+        return f"{joined([phrase(effect), *sets, *more])} cannot be distinguished by these data"
     rest = f" (and {more[0]})" if more else ""
     return f"these data do not tell {phrase(effect)} {joined([f'from {s}' for s in sets], 'or')}{rest}"
 
@@ -105,8 +105,8 @@ def _unconfirmed(names: Sequence[str]) -> str:
 def _faint(names: Sequence[str]) -> str:
     """Why an answer under a noise that hardly remembers is not attributed."""
     return (
-        f"What is left looks like noise of {joined(list(names))} of which a part remembers; play in a gear and other "
-        "mechanisms outside the library leave the same: measure that noise with the plant held at rest."
+        f"What is left looks like coloured noise of {joined(list(names))}; play in a gear and other mechanisms "
+        "outside the library would leave the same: measure that noise with the plant held at rest."
     )
 
 
@@ -134,7 +134,7 @@ def _remainder(document: Document) -> str:
 
 def _also(over: Sequence[Mapping[str, Any]]) -> str:
     """Effects that would take away a part of what is left."""
-    parts = joined([f"{describe(e)} would take away {100 * e['share']:.0f} % of it" for e in over[:1]])
+    parts = joined([f"{describe(e)} would remove {100 * e['share']:.0f} % of it" for e in over[:1]])
     others = joined([phrase(e) for e in over[1:]])
     return f"{parts}{f' (or {others}, less)' if others else ''}, but is not established"
 
@@ -168,7 +168,7 @@ def _unexplained(document: Document) -> str:
             f"which is not enough to name {them}: {joined(near['reasons'])}. {more} for {seek}."
         )
     if over:
-        return f"No effect of the library stands up on the data that confirm; {_also(over)}. Look for {seek}."
+        return f"No effect of the library is confirmed on held-out data; {_also(over)}. Look for {seek}."
     best = document["candidates"][0] if document["candidates"] else None
     text = "No effect of the library explains the difference between model and data"
     if best is not None:

@@ -74,7 +74,7 @@ def _check_archive(path: Path) -> None:
             _refuse_archive(path, entries)
             reading.xml_of(archive.read(DESCRIPTION), path)
     except (OSError, zipfile.BadZipFile, zlib.error, NotImplementedError, EOFError, KeyError, RuntimeError) as error:
-        raise UserError(f"is no FMU: {_said(error)}", file=path, key=KEY) from None
+        raise UserError(f"is not an FMU: {_said(error)}", file=path, key=KEY) from None
 
 
 def _refuse_archive(path: Path, entries: Sequence[zipfile.ZipInfo]) -> None:
@@ -114,7 +114,7 @@ class Unit:
         try:
             about = fmpy.read_model_description(str(path))
         except Exception as error:  # FMPy raises what zip, XML and its own checks raise
-            raise UserError(f"is no FMU: {_said(error)}", file=path, key=KEY) from None
+            raise UserError(f"is not an FMU: {_said(error)}", file=path, key=KEY) from None
         kinds = {"2": FMU2Slave, "3": FMU3Slave}
         self.fmi, self.model, self._path = str(about.fmiVersion), str(about.modelName), path
         if about.coSimulation is None or self.fmi[0] not in kinds:
@@ -137,7 +137,7 @@ class Unit:
         self._running = False
 
     def check(self, name: str, key: str, unit: str | None = None) -> None:
-        """Refuse a variable that is not there, is no real number, or is in another unit.
+        """Refuse a variable that is not there, is not a real number, or is in another unit.
 
         Raises:
             UserError: naming the key.
@@ -205,7 +205,7 @@ class Unit:
         try:
             found = self._fmu.getReal(references) if self.fmi[0] == "2" else self._fmu.getFloat64(references)
         except Exception as error:
-            raise self._fault(f"does not tell {', '.join(names)}", error) from None
+            raise self._fault(f"does not report {', '.join(names)}", error) from None
         values = np.array(found, dtype=np.float64)
         if not np.isfinite(values).all():
             raise UserError(f"gives {dict(zip(names, values.tolist(), strict=True))}", file=self._path, key=KEY)
@@ -225,7 +225,7 @@ class Unit:
     def _fault(self, what: str, error: BaseException) -> UserError:
         return UserError(
             f"{what}: {_said(error)}", file=self._path, key=KEY,
-            remedy="Try it in FMPy (`fmpy simulate`), and leave what it cannot do out of domain.X and domain.U.",
+            remedy="Try it in FMPy (`fmpy simulate`), and exclude what it cannot do from domain.X and domain.U.",
         )  # fmt: skip
 
     def close(self) -> None:
@@ -275,7 +275,7 @@ class FmuSettings(EngineSection):
         folder = (info.context or {}).get("folder")
         if folder is not None and reading.real(folder / self.fmu) not in _told:
             _told.add(reading.real(folder / self.fmu))
-            log.warning("the simulator %s is code and runs with your rights", folder / self.fmu)
+            log.warning("the simulator %s is code and runs with your permissions", folder / self.fmu)
         return self
 
 
@@ -341,7 +341,7 @@ class FmuEngine(Engine):
         if off.any():
             k = int(np.argmax(off))
             raise UserError(
-                f"told to begin at {self._names[0][k]} = {x[k]:g}, the FMU begins at {found[k]:g}",
+                f"set to begin at {self._names[0][k]} = {x[k]:g}, the FMU begins at {found[k]:g}",
                 key=f"simulator.starts.{self._names[0][k]}",
                 remedy="Name the variable or parameter that sets its start.",
             )

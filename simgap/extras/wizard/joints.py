@@ -63,7 +63,7 @@ def drives(file: ModelFile, named: Sequence[str] | None, derived: bool) -> tuple
     if stated and len(stated) < len(joints):
         return stated, "the URDF states an effort for no other joint"
     if stated or len(joints) == 1 or not derived:
-        return tuple(joints), "the URDF has no <transmission>, so that every joint is taken to have a drive"
+        return tuple(joints), "the URDF has no <transmission>, so every joint is assumed to have a drive"
     raise UserError(
         "does not say which joints have a drive", file=file.path, key="<transmission>",
         remedy=f"Name them: --inputs {next(iter(joints))}, or --inputs {','.join(joints)} for all.",
@@ -79,7 +79,7 @@ def named_joints(names: Collection[str], joints: Mapping[str, FileJoint], key: s
     unknown = [n for n in names if n not in joints]
     if unknown or not names:
         raise UserError(
-            f"no moving joint is called {', '.join(map(repr, unknown))}" if unknown else "no joint is named",
+            f"there is no moving joint {', '.join(map(repr, unknown))}" if unknown else "no joint is named",
             key=key, remedy=f"Moving joints: {', '.join(joints)}.",
         )  # fmt: skip
     return tuple(n for n in joints if n in names)

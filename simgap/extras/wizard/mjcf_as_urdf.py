@@ -77,7 +77,7 @@ def compiled(path: Path, keep: Collection[str] | None, bolted: bool, at: Mapping
         raise UserError(
             f"joint '{excerpt(names[loose], 40)}' is {kind}{' and nothing drives it' * (names[loose] in slides)}: a "
             "base or a body that moves freely", file=path, key="--base",
-            remedy="--base fixed locks it; a base that moves freely needs equations of its own.",
+            remedy="--base fixed locks it; a floating base needs equations of its own.",
         )  # fmt: skip
     _check_names(path, [n for k, n in enumerate(names) if k != loose], turning, [*(keep or ()), *at])
     left = [n for n in turning if keep is None or n in keep]
@@ -104,7 +104,7 @@ def _check_names(path: Path, names: Sequence[str], turning: Sequence[str], asked
     for name in asked:
         if name not in turning:
             raise UserError(
-                f"no hinge or slide is called {excerpt(name, 40)!r}", file=path, key="--joints",
+                f"there is no hinge or slide {excerpt(name, 40)!r}", file=path, key="--joints",
                 remedy=f"It has: {', '.join(turning)}.",
             )  # fmt: skip
 

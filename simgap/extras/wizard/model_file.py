@@ -78,7 +78,7 @@ def refuse_coupled(path: Path, joints: Mapping[str, FileJoint], keep: Collection
             free = [n for n, j in joints.items() if j.mimics is None and n not in {o.mimics for o in joints.values()}]
             others = f"simgap new --joints {free[0]} keeps others and locks these" if free else "Take <mimic> out"
             raise UserError(
-                f"mimics '{joint.mimics}': the two are one coordinate, and engines let each go its own way",
+                f"mimics '{joint.mimics}': the two are one coordinate, but engines move them independently",
                 file=path, key=f"joint '{name}'", remedy=f"{others}, or write equations.",
             )  # fmt: skip
 
@@ -127,7 +127,7 @@ class Asked:
         """
         path = self.place.with_name(f"{self.place.name}_model{ending}")
         if path.exists():
-            raise UserError("is there already, and stays as it is", file=path, remedy="Give another name, or move it.")
+            raise UserError("already exists and is left unchanged", file=path, remedy="Give another name, or move it.")
         return path
 
 
@@ -174,7 +174,7 @@ def model_of_urdf(path: Path, asked: Asked, note: Callable[[str], None]) -> NewM
     if locked:
         note(f"{made.name} has the other joints locked: {', '.join(f'{n} at {places[n]:.4g}' for n in locked)}.")
     else:
-        note(f"{made.name} has no shapes: {excerpt(absent[0], 60)} is not there, and none enters the motion.")
+        note(f"{made.name} has no shapes: {excerpt(absent[0], 60)} is missing, and shapes do not enter the motion.")
     return NewModel(read_model_file(made), made=(made,))
 
 
@@ -226,8 +226,8 @@ def _check_base(path: Path, kind: str, words: str, base: str | None) -> None:
         )  # fmt: skip
     if kind != "fixed" and base is None:
         raise UserError(
-            f"{words}, and a file does not say what holds it", file=path, key="--base",
-            remedy="--base fixed bolts it to the world, as on a stand; for a base that moves write equations "
+            f"{words}, and the file does not say whether its base is fixed", file=path, key="--base",
+            remedy="--base fixed bolts it to the world, as on a stand; for a base that moves, write equations "
             "(simgap new NAME --equations).",
         )  # fmt: skip
 

@@ -68,7 +68,7 @@ def run(
     """
     path = out / f"{name}.yaml"
     if path.exists():
-        raise UserError("is there already, and stays as it is", file=path, remedy="Give another name, or move it.")
+        raise UserError("already exists and is left unchanged", file=path, remedy="Give another name, or move it.")
     content = text("new_equations.yaml.j2", name=name)
     parse_case(plain_content(content), path)  # refuses the name before anything is written
     made: tuple[Path, ...] = ()
@@ -88,7 +88,7 @@ def run(
                 made = model.made
                 content = _of_joints(name, model, out, inputs, asked.at, tell, note, seconds)
                 if (root := root_link(model.file.path)) != "world":
-                    note(f"Its base, link '{excerpt(root, 40)}', is taken for bolted to the world.")
+                    note(f"Its base, link '{excerpt(root, 40)}', is assumed to be bolted to the world.")
         parse_case(plain_content(content), path)
         write_text(path, content)
         load_case(path)
@@ -111,8 +111,8 @@ def _of_wheels(
             )  # fmt: skip
     check_urdf(urdf)
     note(
-        f"A robot on two driven wheels, '{wheels.left}' and '{wheels.right}': floor, obstacle, speeds and "
-        "clearance are to be edited. With --base fixed the wheels are taken as joints."
+        f"A robot on two driven wheels, '{wheels.left}' and '{wheels.right}': edit floor, obstacle, speeds and "
+        "clearance. With --base fixed the wheels are taken as joints."
     )
     return case_of_wheels(name, urdf, relative(urdf, out), wheels)
 
@@ -144,8 +144,8 @@ def _of_joints(
     }
     if about["rubs"]:
         note(
-            f"The file states dry friction for {', '.join(about['rubs'])}: the simulator acts it out, the model lacks "
-            "it, and the bound is a table of blocks, which is wide where the friction turns round and nowhere else."
+            f"The file states dry friction for {', '.join(about['rubs'])}: the simulator has it and the model does "
+            "not. The bound is a table of blocks, wide only where the friction reverses."
         )
     content = about | _plain(urdf, file, axes, about) | {"proposal": None, "refused": None}
     content["substeps"] = RUBBING_STEPS if about["rubs"] else 1
@@ -232,7 +232,7 @@ def _proposed(
         return {"refused": f"{error.problem}. {error.remedy}"}
     own = found.proposal
     cells = " x ".join(map(str, own.cells))
-    note(f"At tau = {own.tau} s, {found.wins}; the case takes {cells} cells.")
+    note(f"At tau = {own.tau} s, {found.wins}; the case uses {cells} cells.")
     note("X is " + ", ".join(f"[{lo:g}, {hi:g}] of {n}" for n, (lo, hi) in shown(own.X).items()) + ".")
     for doubt in filter(None, (found.small, found.doubtful)):
         note(doubt)

@@ -52,7 +52,7 @@ def posture_of(model: SymbolicModel, at: Mapping[str, float]) -> Posture:
     names, xdot = model.state_names, model.numeric()
     unknown = sorted(set(at) - set(names))
     if unknown:
-        raise UserError(f"{unknown} are no states", key="--at", remedy=f"States: {', '.join(names)}.")
+        raise UserError(f"{unknown} are not states", key="--at", remedy=f"States: {', '.join(names)}.")
     states, inputs = [v.symbol for v in model.states], [v.symbol for v in model.inputs]
     x = np.array([float(at.get(n, 0.0)) for n in names])
     here = dict(zip(states, x, strict=True))
@@ -71,7 +71,7 @@ def posture_of(model: SymbolicModel, at: Mapping[str, float]) -> Posture:
         raise UserError(
             f"no input holds the posture {', '.join(f'{n}={v:g}' for n, v in zip(names, x, strict=True))}: "
             f"{names[worst]} changes by {left[worst]:.3g} {model.states[worst].unit}/s", key="--at",
-            remedy="Name one that rests, such as --at q2=3.14159.",
+            remedy="Name one at rest, such as --at q2=3.14159.",
         )  # fmt: skip
     read = set().union(*(sp.sympify(e).free_symbols for e in xdot))
     free = tuple(n for n, s in zip(names, states, strict=True) if s not in read)
@@ -99,7 +99,7 @@ def _numbers(rows: list[list[sp.Expr]], at: Mapping[sp.Symbol, float]) -> Floats
     except TypeError:
         found = np.array([[np.nan]])
     if not np.isfinite(found).all():
-        raise UserError("the model is no finite number at this posture", key="--at", remedy="Name another one.")
+        raise UserError("the model is not finite at this posture", key="--at", remedy="Name another one.")
     return found.reshape(len(rows), -1)
 
 
@@ -217,7 +217,7 @@ def check_moved(model: SymbolicModel, posture: Posture) -> None:
     largest = float(np.abs(posture.a * posture.scale / posture.scale[:, None]).max(initial=0.0))
     if 0.0 < largest < NOTHING * posture.rate:
         raise UserError(
-            f"left to itself the plant all but stands still: within a second no state moves another by more than "
+            f"without input the plant hardly moves: within a second no state moves another by more than "
             f"{largest:.2g} of its natural size", key="plant",
             remedy="Look at the units of its equations and parameters: rates are a second, angles in rad.",
         )  # fmt: skip
@@ -266,7 +266,7 @@ def check_strength(names: Sequence[str], most: Floats, wanted: Floats) -> None:
     given = ", ".join(f"{n} +-{v:.2g}" for n, v in zip(names, most, strict=True))
     needed = ", ".join(f"{n} +-{v:.2g}" for n, v in zip(names, wanted, strict=True))
     raise UserError(
-        f"the inputs move next to nothing: {given} is allowed where {needed} would be sought", key="domain.U",
+        f"the inputs hardly move anything: {given} is allowed where {needed} would be sought", key="domain.U",
         remedy="Allow larger ones (domain.U, or <limit effort> in the URDF), or look at the units of the equations' "
         "terms in them.",
     )  # fmt: skip

@@ -193,7 +193,7 @@ class Search:
             left = self.limits.get(n, math.inf) - abs(rest)
             if left <= 0:
                 raise UserError(
-                    f"to hold the posture takes {abs(rest):.3g} of {n}, its limit is {self.limits[n]:g}", key="--at",
+                    f"holding the posture takes {abs(rest):.3g} of {n}, its limit is {self.limits[n]:g}", key="--at",
                     remedy="Name a posture that takes less, or a stronger drive.",
                 )  # fmt: skip
             fits = min(fits, left / most if most > 0 else 1.0)
@@ -287,7 +287,7 @@ def propose(
     if is_driven(model):
         found = driven(model, sampled, posture, limits, room, tell, budget)
         return _of_driven(model, posture, found)
-    tell("looking for the sampling time and the shape of X")
+    tell("searching for the sampling time and the shape of X")
     shape = _shape(model, posture)
     search = Search(model, sampled(shape.tau), posture, shape, limits, room, rubbing(model, posture, rubs, shape.tau))
     search.check()
@@ -300,7 +300,7 @@ def propose(
             if not budget.allows(search.pairs(cells, share)):
                 break
             best = max((t.wins for t in tried), default=0.0)
-            tell(f"a game of {_shown(cells)} cells" + (f"; best so far {best:.2g}" if best else ""))
+            tell(f"trying {_shown(cells)} cells" + (f"; best so far {best:.2g}" if best else ""))
             tried.append(budget.spent(search.pairs(cells, share), partial(search.play, cells, share)))
             if tried[-1].wins >= WINS:
                 return search.proposal(_held(search, tried, share, [cells, *rounds], tell, budget), tried)

@@ -47,8 +47,8 @@ class Numbers:
         if part >= SMALL:
             return ""
         return (
-            f"X is small: {part:.2g} of what is sought along an axis; the joints' limits, the largest inputs or "
-            "the pull of one joint on another leave no more. Stronger drives, or tau, X and U by hand, may do better "
+            f"X is small: {part:.2g} of the desired width along an axis, because of joint limits, input limits or "
+            "coupling between joints. Stronger drives, or tau, X and U by hand, may do better "
             "(docs/how-to/four_states.md)."
         )
 
@@ -58,7 +58,7 @@ class Numbers:
         if not self.blocks or self.proposal.target is not None or self.proposal.rubs:
             return ""
         return (
-            "No cells of a quick search win beside the dry friction: a run may end with an empty winning domain, whose "
+            "With the dry friction no cells of a quick search win: a run may end with an empty winning domain, whose "
             "page says what is missing. Stronger drives, a longer way or less friction help; --seconds searches longer."
         )
 
@@ -70,7 +70,7 @@ class Numbers:
         if not against:
             return f"the nominal model alone {won}"
         beside = "what dry friction leaves and " if self.proposal.rubs else ""
-        return f"the nominal model with {beside}a gap of {against:g} of what the largest inputs do {won}{coarser}"
+        return f"the nominal model with {beside}a gap of {against:g} of the effect of the largest inputs {won}{coarser}"
 
     def block(self) -> str:
         """Sections of a case file."""
@@ -173,7 +173,7 @@ def quickened(
         if friction[most] <= 0.5 * half[most]:
             return found
         raise UserError(
-            f"to hold the posture takes {half[most]:.2g} of {most}, the dry friction there is {friction[most]:g}",
+            f"holding the posture takes {half[most]:.2g} of {most}, the dry friction there is {friction[most]:g}",
             key="friction", remedy="A linear feedback does not move such a joint: lower the friction, or put tau and U "
             "in by hand.",
         )  # fmt: skip

@@ -282,7 +282,7 @@ def covering_remainder(function: GapFunction, section: GapSection) -> GapFunctio
             words += f"{',' if remainder else ''} by {_sizes(box.by)} in the cells with {ends}"
         else:
             by = by + more
-            words += f" and, as the bound is no table of cells, by {_sizes(box.by)} everywhere"
+            words += f" and, as the bound is not a table of cells, by {_sizes(box.by)} everywhere"
     left_out = [name for name in states if name not in remainder and not any(name in box.by for box in boxes)]
     note = f" Nothing measured bounds {', '.join(left_out)}." if left_out else ""
     tier = Tier(3, f"{words}: the split-conformal bound of what measured data leave.{note}")

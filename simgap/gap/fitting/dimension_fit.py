@@ -98,8 +98,8 @@ def estimate_tier(states: Sequence[str], lipschitz: Sequence[Floats], rough: Seq
     jumps = [f"{100 * share:.2g} % of the cells for {s}" for s, share in zip(states, rough, strict=True) if share > 0]
     if jumps:
         text += (
-            f" The gap jumps in {', '.join(jumps)}; there the spread of the neighbouring samples stands in. It holds a "
-            "jump between two samples whole, and misses a peak narrower than a cell by any factor."
+            f" The gap jumps in {', '.join(jumps)}; there the spread of the neighbouring samples is used instead. It "
+            "covers a jump between two samples, and misses a peak narrower than a cell by any factor."
         )
     return Tier(2, f"{text} {extra}".strip())
 

@@ -334,7 +334,7 @@ def border_states(context: Context, name: str, part: str) -> Borders:
     """States for the fit, for the check, or shifted ones, on the grid of that name.
 
     Raises:
-        UserError: a simulator that remembers earlier inputs, whose gap is no function of X.
+        UserError: a simulator that remembers earlier inputs, whose gap is not a function of X.
     """
     if remembers(context.case):
         raise UserError("a gap taken over histories has no border of X", key="hidden_state")

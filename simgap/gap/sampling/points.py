@@ -87,7 +87,9 @@ def covering_grid(case: Case, box: Box, name: str) -> Grid:
     if name.startswith(_CELLS):
         parts = name.removeprefix(_CELLS).split("-")
         if len(parts) != box.size or not all(part.isdecimal() and int(part) > 0 for part in parts):
-            raise UserError(f"'{name[:40]}' is no point of this case", remedy="Use cells~ and a count for each state.")
+            raise UserError(
+                f"'{name[:40]}' is not a point of this case", remedy="Use cells~ and a count for each state."
+            )
         counts = tuple(map(int, parts))
     else:
         counts = Grid.covering(box, radius(name)).cells
@@ -124,7 +126,7 @@ def radius(name: str) -> float:
     except ValueError:
         eps = -1.0
     if not (eps > 0 and np.isfinite(eps)):
-        raise UserError(f"'{name[:40]}' is no point of this case", remedy="Use eps~ and a radius, such as eps~0.01.")
+        raise UserError(f"'{name[:40]}' is not a point of this case", remedy="Use eps~ and a radius, such as eps~0.01.")
     return eps
 
 

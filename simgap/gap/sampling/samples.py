@@ -211,7 +211,7 @@ def read_back(make: Callable[[Mapping[str, Any]], T], data: Mapping[str, Any]) -
         return make(data)
     except (LookupError, TypeError, ValueError) as error:
         raise UserError(
-            f"the saved result of {data['state']} is none of this case ({error!r})",
+            f"the saved result of {data['state']} is not of this case ({error!r})",
             remedy="Run the stages scp and lipschitz again.",
         ) from None
 

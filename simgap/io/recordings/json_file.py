@@ -50,7 +50,7 @@ def json_cells(path: Path, asked: Iterable[str], file: str) -> tuple[tuple[str, 
     twice = next((name for name in constants if name in varying), None)
     if twice is not None:
         raise UserError(
-            f"'{excerpt(twice, 40)}' stands in the samples and beside them", file=file, remedy="Rename one of them."
+            f"'{excerpt(twice, 40)}' appears in the samples and beside them", file=file, remedy="Rename one of them."
         )
     for name in constants.keys() & cells.keys():
         cells[name] = list(repeat(constants[name], rows))
@@ -91,7 +91,7 @@ def _labels(cells: Sequence[Any], file: str, name: str) -> pa.Array:
 def _bad(file: str, name: str, row: int, cell: Any, what: str) -> UserError:
     said = f"'{excerpt(cell, 40)}' is {what}"
     if cell is None or cell is _ABSENT:
-        said = "null is no reading" if cell is None else "the sample has no such key"
+        said = "null is not a reading" if cell is None else "the sample has no such key"
     elif isinstance(cell, str):
         said = f"'{excerpt(cell, 40)}' is a text, not a number"
     return UserError(f"row {row + 1}, key '{excerpt(name, 40)}': {said}", file=file, remedy=_MEND)
@@ -107,7 +107,7 @@ _MOST_PARTS = 64
 MOST = reading.MOST // JSON_HELD
 """Characters of a line."""
 _SHAPE = 'Write a list of objects, one a sample: [{"t": 0.0, "q": 0.1}, ...].'
-_WRITTEN = "Mend it there, or export it again."
+_WRITTEN = "Correct it there, or export it again."
 
 
 @dataclass(frozen=True)
@@ -201,7 +201,7 @@ def _malformed(error: json.JSONDecodeError, file: str, line: int) -> UserError:
         return UserError(
             f"ends at line {line} before its JSON does", file=file, remedy="Wait until it is written, or copy it again."
         )
-    return UserError(f"line {line}, column {error.colno} is no JSON ({error.msg})", file=file, remedy=_WRITTEN)
+    return UserError(f"line {line}, column {error.colno} is not JSON ({error.msg})", file=file, remedy=_WRITTEN)
 
 
 def _samples(content: Any, file: str) -> Samples:
@@ -268,7 +268,7 @@ def _flat(value: Any, place: str, file: str, lists: dict[str, list[Any]] | None 
 def _refuse_kind(value: Any, place: str, file: str) -> Never:
     if isinstance(value, _Twice):
         raise UserError(
-            f"{place}: the key '{excerpt(value.key, 40)}' stands there twice", file=file, remedy="Remove one of them."
+            f"{place}: the key '{excerpt(value.key, 40)}' appears twice", file=file, remedy="Remove one of them."
         )
     kinds = {list: "a list", str: "a text", bool: "a boolean", int: "a number", float: "a number"}
     raise UserError(f"{place} is {kinds.get(type(value), 'null')}, not an object", file=file, remedy=_SHAPE)

@@ -213,7 +213,7 @@ _LEAST = 4  # bytes of a packed number
 _DEFINITION = 16_384
 """Bytes of a type's definition: those that are read have some 3,000 with all their comments, and parsing takes longer
 than it grows (25 s for 300,000 fields)."""
-_DAMAGED = "Copy it again, or mend it (`mcap recover`)."
+_DAMAGED = "Copy it again, or repair it (`mcap recover`)."
 
 
 @dataclass(frozen=True)

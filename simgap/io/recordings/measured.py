@@ -79,10 +79,10 @@ def condition_channels(model: SymbolicModel, section: MeasuredSection, case: str
     """Parameters that columns tell, with these columns.
 
     Raises:
-        UserError: what is no parameter of the plant, the column of time, or a unit of something else.
+        UserError: what is not a parameter of the plant, the column of time, or a unit of something else.
     """
     _refuse_unknown(
-        section.conditions_from, tuple(model.parameters), "conditions_from", "no parameter of the plant", case
+        section.conditions_from, tuple(model.parameters), "conditions_from", "not a parameter of the plant", case
     )
     found = []
     for name, told in section.conditions_from.items():

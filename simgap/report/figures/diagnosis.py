@@ -68,7 +68,7 @@ def overlay_figure(o: Overlay, units: Mapping[str, str]) -> Any:
         for low, predicted, colour, dash, word in sides:  # each on its own scale, or the noise could not be seen
             low.axhspan(-2 * o.sigma[k], 2 * o.sigma[k], color=style.FLOOR, alpha=0.45, lw=0, label="noise, ±2σ")
             low.plot(o.t[pick], (o.measured - predicted)[pick, k], color=colour, ls=dash, lw=1.3)
-            low.set_ylabel(f"left {word}\n({pretty_unit(units[name])})")
+            low.set_ylabel(f"residual\n{word} ({pretty_unit(units[name])})")
     if o.inputs:
         colours = (style.GREEN, style.PURPLE, style.ORANGE, style.SKY)
         for j, name in enumerate(o.inputs):
@@ -120,7 +120,7 @@ def _gain(value: float) -> str:
 
 
 def steps_figure(steps: Sequence[Mapping[str, Any]]) -> Any:
-    """From the model as declared to the answer, one effect at a time: what each option of a step leaves of chi^2/dof.
+    """From the declared model to the answer, one effect at a time: what each option of a step leaves of chi^2/dof.
 
     Args:
         steps: each with `chi2_dof` before it and its `options`, what was taken first; the last step takes none.
@@ -155,7 +155,7 @@ def steps_figure(steps: Sequence[Mapping[str, Any]]) -> Any:
     axis.set_xscale("log")
     axis.set_xlim(NO_LESS, 2.0 * max(largest, 5.0, *(before for _, before, _ in rows)))
     axis.axvline(1.0, color="#55595F", lw=1.4, ls=(0, (4, 2)))
-    axis.set_xlabel("chi²/dof that is left (log); 1 is the noise (dashed)")
+    axis.set_xlabel("remaining chi²/dof (log); 1 is the noise (dashed)")
     axis.grid(axis="y", visible=False)
     kinds = (("in the answer", style.AFTER, 5.0), ("fitted there, not taken", OTHER, 2.5))
     handles = [Line2D([], [], color=c, lw=w, marker="o") for _, c, w in kinds]

@@ -10,7 +10,8 @@ import numpy as np
 from simgap.io import figure_style as style
 from simgap.io.figure_style import COLOURS
 from simgap.io.traces import NOMINAL, ROBUST, SIMULATOR, TITLES, Trace
-from simgap.notation import axis_label, pretty_unit
+from simgap.notation import axis_label
+from simgap.report.figures.cells import cell_map, layer_panels
 from simgap.synthesis.controller import Controller
 
 _PALE = {ROBUST: "#BBD9EC", NOMINAL: "#F6D3BC"}
@@ -39,14 +40,13 @@ def domains_figure(
         _region(axis, controller, _PALE[kind])
         if surroundings is not None:
             surroundings(axis)
-        other = controllers[ROBUST if kind == NOMINAL else NOMINAL]
-        _outline(axis, other, COLOURS[ROBUST if kind == NOMINAL else NOMINAL])
+        other = ROBUST if kind == NOMINAL else NOMINAL
+        _outline(axis, controllers[other], COLOURS[other])
         for trace in traces:
             if trace.controller == kind and trace.plant == SIMULATOR:
                 _run(axis, trace, COLOURS[kind])
         axis.set_title(f"{TITLES[kind]}: {100.0 * controller.solution.fraction:.1f} % of the cells")
         axis.set_xlabel(axis_label(controller.states[0], units))
-        axis.grid(visible=False)
     axes[0].set_ylabel(axis_label(controllers[ROBUST].states[1], units))
     _legend(figure, bool(traces), violated)
     return figure
@@ -55,13 +55,8 @@ def domains_figure(
 def _region(axis: Any, controller: Controller, colour: str) -> None:
     from matplotlib.colors import ListedColormap
 
-    box = controller.grid.box
     winning = controller.solution.winning.reshape(controller.grid.cells)
-    shown = np.ma.masked_equal(winning.T, False)
-    extent = (box.lo[0], box.hi[0], box.lo[1], box.hi[1])
-    axis.imshow(
-        shown, origin="lower", extent=extent, aspect="auto", cmap=ListedColormap([colour]), interpolation="nearest"
-    )
+    cell_map(axis, controller.grid, np.ma.masked_equal(winning, False), cmap=ListedColormap([colour]))
 
 
 def _outline(axis: Any, controller: Controller, colour: str) -> None:
@@ -101,30 +96,14 @@ def slices_figure(
 
     White cells lose; without a value function all winning cells have one shade.
     """
-    import matplotlib.pyplot as plt
-
-    grid = controller.grid
-    solution = controller.solution
+    grid, solution = controller.grid, controller.solution
     field = solution.at_first(solution.value) if values and solution.value is not None else None
     shades = np.where(solution.winning, 0 if field is None else field, -1).reshape(grid.cells).astype(float)
     shades = np.ma.masked_less(shades, 0.0)
-    layers = np.unique((np.arange(count) * grid.cells[2]) // count)
-    columns = min(3, len(layers))
-    rows = -(-len(layers) // columns)
-    size = (style.WIDTH, 2.75 * rows + 0.5)
-    figure, axes = plt.subplots(rows, columns, figsize=size, sharex=True, sharey=True, squeeze=False)
-    extent = (grid.box.lo[0], grid.box.hi[0], grid.box.lo[1], grid.box.hi[1])
-    picture, most = None, max(1.0, float(np.max(shades.filled(0.0))))
-    for axis, k in zip(axes.ravel(), layers, strict=False):
-        look = {"cmap": "viridis_r", "vmin": 0.0, "vmax": most, "interpolation": "nearest"}
-        picture = axis.imshow(shades[:, :, k].T, origin="lower", extent=extent, **look)
-        third = grid.box.lo[2] + grid.h[2] * (2 * k + 1)
-        axis.set_title(f"{controller.states[2]} = {third:.2f} {pretty_unit(units.get(controller.states[2], ''))}")
-        axis.grid(visible=False)
-    for axis in axes[-1]:
-        axis.set_xlabel(axis_label(controller.states[0], units))
-    for axis in axes[:, 0]:
-        axis.set_ylabel(axis_label(controller.states[1], units))
-    if picture is not None and field is not None:
-        figure.colorbar(picture, ax=axes, label=title or "worst-case steps to the target", shrink=0.8)
+    layers = np.unique((np.arange(count) * grid.cells[2]) // count).tolist()
+    figure, axes, panels = layer_panels(grid, layers, controller.states, units)
+    most = max(1.0, float(np.max(shades.filled(0.0))))
+    pictures = [cell_map(a, grid, shades[:, :, k], cmap="viridis_r", vmin=0.0, vmax=most) for a, k in panels]
+    if field is not None:
+        figure.colorbar(pictures[-1], ax=axes, label=title or "worst-case steps to the target", shrink=0.8)
     return figure

@@ -11,6 +11,7 @@ from simgap.arrays import Floats
 from simgap.geometry import Grid
 from simgap.io import figure_style as style
 from simgap.notation import axis_label, number, pretty_unit
+from simgap.report.figures.cells import cell_map, layer_panels
 from simgap.synthesis.margins import LARGEST_FACTOR, shown_layers
 
 MAP = "cividis"  # one hue after another in order of lightness, alike to all kinds of colour vision
@@ -41,26 +42,11 @@ def plane_figure(grid: Grid, factor: Floats, extra: Floats, states: Sequence[str
 
 def slices_figure(grid: Grid, factor: Floats, states: Sequence[str], units: Mapping[str, str], count: int = 6) -> Any:
     """The common factor (cells,) over the first two states at `count` values of the third, those with any."""
-    import matplotlib.pyplot as plt
-
-    shown = factor.reshape(grid.cells)
+    shown, scale = factor.reshape(grid.cells), _scale(factor)
     layers = [k for k in shown_layers(grid.cells[2], count) if np.isfinite(shown[:, :, k]).any()] or [0]
-    columns = min(3, len(layers))
-    rows = -(-len(layers) // columns)
-    figure, axes = plt.subplots(
-        rows, columns, figsize=(style.WIDTH, 2.75 * rows + 0.5), sharex=True, sharey=True, squeeze=False
-    )
-    scale = _scale(factor)
-    picture: Any = None
-    for axis, k in zip(axes.ravel(), layers, strict=False):
-        picture = _layer(axis, grid, shown[:, :, k], scale, "equal")
-        third = grid.box.lo[2] + grid.h[2] * (2 * k + 1)
-        axis.set_title(f"{states[2]} = {third:.2f} {pretty_unit(units.get(states[2], ''))}")
-    for axis in axes[-1]:
-        axis.set_xlabel(axis_label(states[0], units))
-    for axis in axes[:, 0]:
-        axis.set_ylabel(axis_label(states[1], units))
-    _ends(figure.colorbar(picture, ax=axes, label=FACTOR, shrink=0.8), factor, LARGEST_FACTOR)
+    figure, axes, panels = layer_panels(grid, layers, states, units)
+    pictures = [_layer(axis, grid, shown[:, :, k], scale, "equal") for axis, k in panels]
+    _ends(figure.colorbar(pictures[-1], ax=axes, label=FACTOR, shrink=0.8), factor, LARGEST_FACTOR)
     return figure
 
 
@@ -91,9 +77,5 @@ def _ends(bar: Any, values: Floats, most: float) -> None:
 
 
 def _layer(axis: Any, grid: Grid, values: Floats, scale: Any, aspect: str = "auto") -> Any:
-    extent = (grid.box.lo[0], grid.box.hi[0], grid.box.lo[1], grid.box.hi[1])
-    shown = np.ma.masked_invalid(np.where(values > 0, values, np.where(np.isnan(values), np.nan, scale.vmin)).T)
-    axis.grid(visible=False)
-    return axis.imshow(
-        shown, origin="lower", extent=extent, aspect=aspect, cmap=MAP, norm=scale, interpolation="nearest"
-    )
+    cut = np.where(values > 0, values, np.where(np.isnan(values), np.nan, scale.vmin))
+    return cell_map(axis, grid, np.ma.masked_invalid(cut), aspect, cmap=MAP, norm=scale)

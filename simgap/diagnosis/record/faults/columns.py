@@ -1,7 +1,7 @@
 """Columns that are not what the case says: two that were swapped, a wrong sign or unit, one that says nothing.
 
 Which of two columns is the derivative of the other is kinematics, so that no missing effect, however large, hides a
-position and a velocity that stand in each other's place. Other columns, signs and units are tried with the model as
+position and a velocity that are swapped. Other columns, signs and units are tried with the model as
 declared (`search.columns`), or show as a gain that no motor has.
 """
 
@@ -84,7 +84,7 @@ def _shifted_products(trace: Trace, j: int, k: int, dt: float, m: int, reach: in
 
 
 class SwappedColumns(SeenFault):
-    """Two columns stand in each other's place.
+    """Two columns are swapped.
 
     Detected: a position and its velocity: the one is the derivative of the other, the wrong way round (kinematics
     alone: no missing effect masks it); other columns as `wrong_unit`; exchanged.
@@ -113,7 +113,7 @@ class SwappedColumns(SeenFault):
 
     def of(self, first: str, second: str, sentence: str = "") -> RecordingFault:
         """The finding of two channels."""
-        sentence = sentence or f"The columns of {first} and {second} stand in each other's place; they were exchanged."
+        sentence = sentence or f"The columns of {first} and {second} are swapped; they were exchanged."
         remedy = f"Map them with measured.columns.{first}.column and measured.columns.{second}.column."
         return self.told(f"{first}, {second}", None, sentence, remedy)
 
@@ -126,18 +126,20 @@ class WrongSign(Fault):
     """
 
     name = "wrong_sign"
-    remedy = "Give measured.columns.{}.scale: -1, or turn its wire."
+    remedy = "Give measured.columns.{}.scale: -1, or swap its wires."
 
     def of(self, name: str) -> RecordingFault:
         """The finding of a column that was turned."""
-        return self.told(name, -1.0, f"The column of {name} has the other sign; it was turned.")
+        return self.told(name, -1.0, f"The column of {name} has the wrong sign; it was reversed.")
 
     def in_gain(self, found: FoundEffect) -> list[RecordingFault]:
         """The finding behind an input's gain."""
         if found.name != "input_gain" or found.parameters["ratio"].ci95[1] >= 0.0:
             return []
-        sentence = f"{found.on} is reversed: its column, its wire or its motor has the other sign."
-        remedy = "If the column is wrong, give measured.columns.{}.scale: -1; else turn the wire or the case."
+        sentence = f"{found.on} is reversed: its column, its wiring or its motor has the wrong sign."
+        remedy = (
+            "If the column is wrong, give measured.columns.{}.scale: -1; otherwise swap the wires or change the case."
+        )
         return [self.told(found.on, -1.0, sentence, remedy)]
 
 

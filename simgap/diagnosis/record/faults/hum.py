@@ -27,7 +27,7 @@ _AROUND = 40  # frequencies on either side that are the background of a line
 
 
 class Hum(SeenFault):
-    """A steady sine, as of the mains, stands in a reading.
+    """A steady sine, as from the mains, is added to a reading.
 
     Detected: a spectral line that would need twice the acceleration of the motion, and that no input contains;
     removed.
@@ -47,7 +47,7 @@ class Hum(SeenFault):
                     break
                 sines = [_sine(trace, trace.y[:, k], hertz) for trace in record.traces]
                 size = max(float(np.hypot(*c)) for c in sines)
-                what = f"a hum of {hertz:.4g} Hz, {size:.2g} in amplitude, which no force makes; it was taken away."
+                what = f"a hum of {hertz:.4g} Hz, {size:.2g} in amplitude, which no force produces; it was removed."
                 faults.append(self.told(name, hertz, f"{name} has {what}"))
                 traces = tuple(_less(trace, k, hertz, c) for trace, c in zip(record.traces, sines, strict=True))
                 record = replace(record, traces=traces)

@@ -156,7 +156,7 @@ class Overflow(SeenFault):
             if size > 0.0:
                 traces = tuple(_unwrapped(trace, k, size) for trace in record.traces)
                 record = replace(record, traces=traces)
-                sentence = f"{name} jumps by {size:.4g} from one end of its range to the other; that was given back."
+                sentence = f"{name} jumps by {size:.4g} from one end of its range to the other; that was undone."
                 faults.append(self.told(name, size, sentence, unit=units[name]))
         return record, tuple(faults)
 
