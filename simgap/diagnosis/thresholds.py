@@ -31,7 +31,8 @@ SURE = NormalDist().inv_cdf(0.5 + 0.5 * CONFIDENCE)
 
 SELDOM = 1e-3
 """What noise does more seldom is hardly noise: a sum of squares of few numbers, a reading beside the law of the misses
-(Tukey (1960)). Once an experiment fails more seldom, it is not improved."""
+(Tukey (1960)). Once an experiment fails more seldom, it is not improved; of an angle whose sine is straight but for so
+little, gravity is a spring."""
 
 BY_CHANCE = 1e-6
 """What noise does more seldom is no noise, where many numbers are looked at: a piece of a record that stands out,
@@ -98,7 +99,7 @@ PLAUSIBLE_RATIO = 5.0
 torque that follows another joint's by more does not."""
 
 COLLINEAR = 0.99
-"""Columns, and projected sensitivities, with a larger correlation are hard to tell apart on this excitation."""
+"""Projected sensitivities with a larger correlation are hard to tell apart on this excitation."""
 
 # How widely the search looks: a larger number costs refits and may find more.
 
@@ -138,8 +139,9 @@ channel."""
 HUM_LINE = 60.0
 """A line stands this far above the median around it; of 10^4 frequencies of white noise the largest stands 15 above."""
 
-COUNTS = 2.0
-"""Within so many counts of an encoder readings are at rest, and no stale one is told from a slow motion."""
+COUNTS = 1.5
+"""Within so many counts of an encoder no stale reading is told from a slow motion. With one in ten stale at 256 counts
+over the range it is found in 31 of 36 records of three plants, with 2 counts in 23; in none of 72 without."""
 
 WITHIN = 0.02
 """A number is a ratio of units, or a whole multiple of a count, if it comes so near to it."""

@@ -13,7 +13,7 @@ from simgap.diagnosis.record.faults.columns import VelocityLag, velocity_lag
 from simgap.diagnosis.record.faults.registry import READINGS, mended
 from simgap.diagnosis.record.noise import resolution, worth
 from simgap.diagnosis.record.record import Record, Trace, runs
-from simgap.diagnosis.thresholds import A_FEW, BRIEF_S, COLLINEAR, COUNTS, FAR, MATTERS, MOST, SEVERAL
+from simgap.diagnosis.thresholds import A_FEW, BRIEF_S, FAR, MATTERS, MOST, SELDOM, SEVERAL
 from simgap.late import sympy as sp
 from simgap.model.symbolic import Coordinate, SymbolicModel, symbol
 from simgap.units import full_turn
@@ -34,9 +34,9 @@ class Stretch:
         return self.stop - self.start
 
 
-def still_stretches(record: Record, sigma: Floats, quantum: Floats) -> tuple[Stretch, ...]:
-    """Three blocks or more in which every channel stays within its noise, or `COUNTS` of its resolution, (k,) each."""
-    limit = np.maximum(2.0 * FAR * sigma, COUNTS * quantum)
+def still_stretches(record: Record, sigma: Floats) -> tuple[Stretch, ...]:
+    """Three blocks or more in which every channel stays within its noise, (k,), that of rounding included."""
+    limit = 2.0 * FAR * sigma
     found: list[Stretch] = []
     for trace in record.traces:
         edges = _block_edges(trace)
@@ -145,7 +145,7 @@ def survey(record: Record, model: SymbolicModel, noise: Mapping[str, float] | No
         if c.position in record.measured and c.velocity in record.measured
         if (lag := velocity_lag(clean, c.position, c.velocity)) is not None
     )
-    still = still_stretches(clean, sigma, quantum)
+    still = still_stretches(clean, sigma)
     frozen = frozen_stretches(record, still)
     channels = tuple(_looks(record, model, sigma, quantum))
     traces = tuple(_timing(record))
@@ -201,7 +201,7 @@ def _motion(record: Record, model: SymbolicModel, c: Coordinate) -> Iterator[str
     if turn is not None and _has_sine(model, c.position):
         angle = np.concatenate([trace.y[:, k] for trace in record.traces]) * (2 * np.pi / turn)
         a, b = (x - x.mean() for x in (angle, np.sin(angle)))
-        if (a @ b) ** 2 >= COLLINEAR**2 * (a @ a) * (b @ b):
+        if (a @ b) ** 2 >= (1.0 - SELDOM) ** 2 * (a @ a) * (b @ b):
             swing = max(float(np.ptp(trace.y[:, k])) for trace in record.traces) / 2
             yield (
                 f"{c.position} swings by no more than {swing:.2g} {unit} to a side: a spring, gravity and the mass "
