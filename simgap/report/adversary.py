@@ -74,4 +74,4 @@ def _place(m: Material) -> str:
     where = ", ".join(f"{n} = {x:.4g} {pretty_unit(units[n])}".strip() for n, x in gap["worst"].items())
     side = "inside" if gap["largest_share"] <= 0 else "outside"
     at = f" (at {where})" if m.context.case.hidden_state is None else ""
-    return f"The worst step found{at} lies {abs(gap['largest_share']):.3g} of the bound's width {side} it."
+    return f"The worst step found{at} lies {side} the bound by {100 * abs(gap['largest_share']):.2g} % of its width."

@@ -84,7 +84,7 @@ def _legend(figure: Any, runs: bool, violated: str) -> None:
         Line2D([], [], color=style.GREY, marker="o", mec="white", ms=7),
         Line2D([], [], color=style.BLACK, marker="X", ls="", mec="white", ms=10),
     ]
-    labels = ["winning domain", "outline of the other one", "run in the simulator", violated]
+    labels = ["winning domain", "outline of the other domain", "run in the simulator", violated]
     shown = 4 if runs else 2
     figure.legend(handles[:shown], labels[:shown], loc="outside upper left", ncols=4, columnspacing=1.1)
 
