@@ -14,14 +14,10 @@ def figures(m: Material) -> dict[str, Any] | None:
     """For `summary.json`: evaluations, steps, violations and witnesses; the steps against the disturbance apart."""
     if m.audit is None:
         return None
-    disturbance = m.audit["closed_loop"]["disturbance"]
     return {
-        "evaluations": m.audit["evaluations"],
-        "steps": m.audit["steps"],
-        "steps_against_the_disturbance": disturbance["steps"],
-        "violations": m.audit["violations"],
+        **{key: m.audit[key] for key in ("evaluations", "steps", "violations", "witnesses")},
+        "steps_against_the_disturbance": m.audit["closed_loop"]["disturbance"]["steps"],
         "largest_share": m.audit["gap"]["largest_share"],
-        "witnesses": m.audit["witnesses"],
     }
 
 

@@ -69,7 +69,7 @@ def overlay_figure(
     figure.align_ylabels()
     entries = [axis.get_legend_handles_labels() for axis in axes[:3, 0]]
     named = {label: handle for handles, labels in entries for handle, label in zip(handles, labels, strict=True)}
-    figure.legend(named.values(), named.keys(), loc="outside upper left", ncols=5, columnspacing=1.2)
+    style.legend(figure, named, 5)
     return figure
 
 
@@ -125,10 +125,7 @@ def steps_figure(steps: Sequence[Mapping[str, Any]]) -> Any:
         ends = [max(float(x), NO_LESS) for x in (before, option["chi2_dof"])]
         axis.plot(ends, [y, y], color=colour, lw=width, solid_capstyle="butt", zorder=2)
         axis.plot(ends[1], y, "o", color=colour, ms=size, zorder=3)
-        for x, said in (
-            (0.38, number(option["chi2_dof"])),
-            (1.0, _gain(float(option["bic_gain"]))),
-        ):
+        for x, said in ((0.38, number(option["chi2_dof"])), (1.0, _gain(float(option["bic_gain"])))):
             numbers.text(x, y, said, va="center", ha="right", fontsize=11)
     for x, head in ((0.38, "left"), (1.0, "BIC gain")):
         numbers.text(x, 0, head, va="center", ha="right", fontsize=11, fontweight="bold")
@@ -143,8 +140,7 @@ def steps_figure(steps: Sequence[Mapping[str, Any]]) -> Any:
     axis.set_xlabel("remaining chi²/dof (log); 1 is the noise (dashed)")
     axis.grid(axis="y", visible=False)
     kinds = (("in the answer", style.AFTER, 5.0), ("fitted there, not taken", OTHER, 2.5))
-    handles = [Line2D([], [], color=c, lw=w, marker="o") for _, c, w in kinds]
-    figure.legend(handles, [label for label, *_ in kinds], loc="outside upper left", ncols=2)
+    style.legend(figure, {label: Line2D([], [], color=c, lw=w, marker="o") for label, c, w in kinds}, 2)
     return figure
 
 
