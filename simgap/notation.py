@@ -41,7 +41,7 @@ def pretty_unit(unit: str) -> str:
         kinds = ({"force": "N*m", "position": "rad"}, {"force": "N", "position": "m"})
         return " or ".join(pretty_unit(unit.format(**kind, input="{input}", state="{state}")) for kind in kinds)
     out, k = "", 0
-    text = unit.replace("**", "^").replace("{", "").replace("}", "")
+    text = unit.replace("**", "^").replace("{", "").replace("}", " unit")
     while k < len(text):
         if text[k] == "^":
             end = k + 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import logging
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -108,6 +108,16 @@ def drawn(make: Callable[[], Any], path: Path) -> str:
         log.warning("%s could not be drawn: %s", path.name, one_line(f"{type(error).__name__}: {error}"))
         path.unlink(missing_ok=True)
         return f'<p class="note">{escape(path.name)} could not be drawn; the log says why.</p>'
+
+
+def legend(figure: Any, named: Mapping[str, Any], ncols: int) -> None:
+    """A legend above the panels: handles by label, a tuple of them side by side."""
+    from matplotlib.legend_handler import HandlerTuple
+
+    figure.legend(
+        list(named.values()), list(named), loc="outside upper left", ncols=ncols, columnspacing=1.0,
+        handler_map={tuple: HandlerTuple(None)},
+    )  # fmt: skip
 
 
 def close(figure: Any) -> None:

@@ -14,14 +14,10 @@ def figures(m: Material) -> dict[str, Any] | None:
     """For `summary.json`: evaluations, steps, violations and witnesses; the steps against the disturbance apart."""
     if m.audit is None:
         return None
-    disturbance = m.audit["closed_loop"]["disturbance"]
     return {
-        "evaluations": m.audit["evaluations"],
-        "steps": m.audit["steps"],
-        "steps_against_the_disturbance": disturbance["steps"],
-        "violations": m.audit["violations"],
+        **{key: m.audit[key] for key in ("evaluations", "steps", "violations", "witnesses")},
+        "steps_against_the_disturbance": m.audit["closed_loop"]["disturbance"]["steps"],
         "largest_share": m.audit["gap"]["largest_share"],
-        "witnesses": m.audit["witnesses"],
     }
 
 
@@ -74,4 +70,4 @@ def _place(m: Material) -> str:
     where = ", ".join(f"{n} = {x:.4g} {pretty_unit(units[n])}".strip() for n, x in gap["worst"].items())
     side = "inside" if gap["largest_share"] <= 0 else "outside"
     at = f" (at {where})" if m.context.case.hidden_state is None else ""
-    return f"The worst step found{at} lies {abs(gap['largest_share']):.3g} of the bound's width {side} it."
+    return f"The worst step found{at} lies {side} the bound by {100 * abs(gap['largest_share']):.2g} % of its width."

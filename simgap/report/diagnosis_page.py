@@ -7,15 +7,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY
 from simgap.diagnosis.verdict.missing import Missing
 from simgap.io import figure_style as style
 from simgap.io.pages import render
 from simgap.notation import joined
-from simgap.report.figures.diagnosis import Overlay, error_figure, missing_figure, overlay_figure, steps_figure
+from simgap.report.figures.diagnosis import error_figure, missing_figure, overlay_figure, steps_figure
 
 TEMPLATE = "diagnosis.html.j2"
 MOST_OVERLAYS, WINDOWS_SHOWN = 2, 6
@@ -55,59 +53,39 @@ FAINT = (
 )
 
 
-def overlays(
-    windows: Sequence[WindowPrediction], states: Sequence[str], inputs: Sequence[str], sigma: Mapping[str, float]
-) -> list[Overlay]:
-    """Stretches of a few windows around held-out ones, for the first traces that have any."""
+def stretches(windows: Sequence[WindowPrediction]) -> list[list[WindowPrediction]]:
+    """A few windows around a held-out one, for the first traces that have any."""
     held = [w for w in windows if w.held_out] or list(windows)
     out = []
     for trace in list(dict.fromkeys(w.trace for w in held))[:MOST_OVERLAYS]:
         own = sorted((w for w in windows if w.trace == trace), key=lambda w: float(w.t[0]))
         centre = next((k for k in range(len(own) // 2, len(own)) if own[k].held_out), len(own) // 2)
         first = min(max(0, centre - WINDOWS_SHOWN // 2), max(0, len(own) - WINDOWS_SHOWN))
-        shown = own[first : first + WINDOWS_SHOWN]
-        cut = np.full((1, len(states)), np.nan)
-        stack = {
-            side: np.concatenate([part for w in shown for part in (getattr(w, side), cut)])
-            for side in ("measured", "before", "after")
-        }
-        out.append(
-            Overlay(
-                trace,
-                np.concatenate([np.append(w.t, w.t[-1]) for w in shown]),
-                stack["measured"],
-                stack["before"],
-                stack["after"],
-                np.concatenate([np.vstack([w.inputs, np.full((1, len(inputs)), np.nan)]) for w in shown]),
-                tuple(states),
-                tuple(inputs),
-                np.array([sigma[s] for s in states]),
-                tuple((float(w.t[0]), float(w.t[-1])) for w in shown if w.held_out),
-                all(w.held_out for w in shown),
-            )
-        )
+        out.append(own[first : first + WINDOWS_SHOWN])
     return out
 
 
 def draw(
-    document: Mapping[str, Any], stretches: Sequence[Overlay], missing: Sequence[Missing], folder: Path
+    document: Mapping[str, Any],
+    windows: Sequence[WindowPrediction],
+    names: tuple[Sequence[str], Sequence[str]],
+    missing: Sequence[Missing],
+    folder: Path,
 ) -> dict[str, Any]:
-    """All figures: SVG files in `folder`, and their text for the page."""
-    units = document["units"]
+    """All figures: SVG files in `folder`, and their text for the page; `names` of measured states and of inputs."""
     texts: dict[str, Any] = {"overlays": [], "missing": [], "error": "", "steps": ""}
-
     with style.figure_style():
         if document["error"]["before"]["horizon_rmse"]:
-            texts["error"] = style.drawn(lambda: error_figure(document["error"], units), folder / "error.svg")
-        for k, o in enumerate(stretches):
-            drawn = style.drawn(partial(overlay_figure, o, units), folder / f"measured-{k + 1}.svg")
-            texts["overlays"].append((o.trace, drawn))
+            figure = partial(error_figure, document["error"], document["units"])
+            texts["error"] = style.drawn(figure, folder / "error.svg")
+        for k, shown in enumerate(stretches(windows)):
+            figure = partial(overlay_figure, shown, *names, document)
+            texts["overlays"].append((shown[0].trace, style.drawn(figure, folder / f"measured-{k + 1}.svg")))
         for k, m in enumerate(missing):
-            texts["missing"].append(
-                (m.label, style.drawn(partial(missing_figure, m), folder / f"residual-{k + 1}.svg"))
-            )
+            drawn = style.drawn(partial(missing_figure, m), folder / f"residual-{k + 1}.svg")
+            texts["missing"].append((m.label, drawn))
         if document["steps"]:
-            texts["steps"] = style.drawn(lambda: steps_figure(document["steps"]), folder / "steps.svg")
+            texts["steps"] = style.drawn(partial(steps_figure, document["steps"]), folder / "steps.svg")
     return texts
 
 

@@ -34,7 +34,7 @@ from simgap.notation import number
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.report.diagnosis_document import document
-from simgap.report.diagnosis_page import TEMPLATE, draw, overlays, page
+from simgap.report.diagnosis_page import TEMPLATE, draw, page
 from simgap.report.measured_share import transition_columns
 from simgap.stages import arm_diagnosis, log
 from simgap.stages.acted_out import ActedOut, measured_out
@@ -278,7 +278,7 @@ def _show(
     lacking = missing_terms(record, _declared(context, reading), *corrected, sigma)
     inputs = record.inputs[: len(context.inputs)]
     windows = [replace(w, inputs=w.inputs[:, : len(inputs)]) for w in found.windows]
-    stretches = overlays(windows, record.measured, inputs, found.sigma)
-    write_text(out_dir / PAGE, page(content, title, draw(content, stretches, lacking, out_dir)))
+    figures = draw(content, windows, (record.measured, inputs), lacking, out_dir)
+    write_text(out_dir / PAGE, page(content, title, figures))
     names = (record.measured, inputs, context.units, context.case.name)
     write_recording(out_dir / RECORDING, windows, *names, content["sentence"])

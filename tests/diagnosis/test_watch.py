@@ -53,7 +53,7 @@ def test_progress_names_the_step_and_the_best_answer_so_far():
     d = diagnose(block(), _record(), DiagnosisSettings(effects=EFFECTS), said.append)
     assert d.verdict == "attributed"
     assert not any("best of" in w for w in d.warnings)
-    assert said[0].startswith("1 sets of effects fitted")
+    assert said[0].startswith("1 set of effects fitted")
     assert "best so far: viscous friction at the slide" in said[-1]  # Euler steps act a little early: a late log too
     assert [e.name for e in d.effects] == ["viscous_friction"]
     assert all(f.fault == "late_log" and f.value < 0.2 * DT for f in d.recording)

@@ -103,7 +103,7 @@ def test_more_is_left_near_rest_and_its_tier_says_so():
 @pytest.mark.parametrize(
     ("within", "said"),
     [
-        ([{"where": {"b": [0.5, 0.4]}, "by": {"a": 0.4}}], r"where\.b\n.*upside down"),
+        ([{"where": {"b": [0.5, 0.4]}, "by": {"a": 0.4}}], r"where\.b\n.*ends are reversed"),
         ([{"where": {}, "by": {"a": 0.4}}], r"where\n.*at least 1 item"),
         ([{"where": {"b": [0.4, 0.5]}, "by": {"a": -0.4}}], r"by\.a\n.*equal to 0"),
     ],

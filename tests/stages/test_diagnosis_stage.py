@@ -112,7 +112,7 @@ def test_the_page_stands_alone(written):
     assert page.count("<svg") >= 4
     outside = re.findall(r'(?:src|href)="(?!#)([^"]+)"', page)
     assert [link for link in outside if not link.startswith("http://www.w3.org")] == []
-    assert "from <em>confirm</em> alone: 2 to 3 s of bench and 6 to 7 s of bench" in page
+    assert "from the held-out data <em>confirm</em> alone: 2 to 3 s of bench and 6 to 7 s of bench" in page
     for heading in (
         "Error before and after",
         "Measured against predicted",

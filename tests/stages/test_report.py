@@ -239,7 +239,7 @@ def test_the_adversary_stands_beside_the_random_samples(pendulum, tmp_path):
     )
     assert "An adversary found no violation in 11,233 attempts." in shown.text
     assert (
-        "The worst step found (at x1 = -0.2 rad, x2 = 0.5 rad/s) lies 0.25 of the bound's width inside it."
+        "The worst step found (at x1 = -0.2 rad, x2 = 0.5 rad/s) lies inside the bound by 25 % of its width."
         in shown.text
     )
     assert "promise kept" in shown.text

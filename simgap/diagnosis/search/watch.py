@@ -50,7 +50,9 @@ class Watch:
         self.sets += 1
         if best != self.best or now - self.told > TOLD_EVERY_S:
             self.best, self.told = best, now
-            self.tell(f"{self.sets} sets of effects fitted in {now:.0f} s of CPU; best so far: {best}")
+            self.tell(
+                f"{self.sets} set{'s' * (self.sets > 1)} of effects fitted in {now:.0f} s of CPU; best so far: {best}"
+            )
         if self.budget_s is not None and now > self.budget_s and not (self.stopped or self.over):
             self.stopped = f"The search was stopped after measured.budget_s = {self.budget_s:g} s"
             raise Stopped

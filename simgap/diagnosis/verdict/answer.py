@@ -93,9 +93,7 @@ def candidate_scores(search: Search, empty: Explanation, barred: Mapping[Key, st
         reason = barred.get(c.key, reason)
         if e is not None and not e.physical:
             bent = c.effect.one_curve and sound(c, e.fit)
-            reason = (
-                ("it is flexible enough to fit anything, and still leaves more than noise") if bent else _NOT_PHYSICAL
-            )
+            reason = "it fits almost anything, and still leaves more than noise" if bent else _NOT_PHYSICAL
         rows.append(
             CandidateScore(
                 c.effect.name,

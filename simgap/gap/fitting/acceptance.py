@@ -143,8 +143,8 @@ class BorderCheck:
         surfaces = f" and on both sides of {self.surfaces} declared switching surfaces" if self.surfaces else ""
         return Tier(
             3,
-            f"Checked besides on {self.samples:,} samples on faces, edges and corners of X{surfaces}: "
-            f"{self.violations} outside. They are directed, not random, and no part of that probability.",
+            f"Also checked on {self.samples:,} samples on faces, edges and corners of X{surfaces}: "
+            f"{self.violations} outside. These samples are directed, not random, and do not count in that probability.",
         )
 
 

@@ -111,6 +111,6 @@ def directed_words(states: Sequence[str], count: int, factors: Sequence[float]) 
     table = ", ".join(f"{factor:.2g} for {s}" for s, factor in zip(states, factors, strict=True))
     return (
         f"{count:,} states on the border of X and on both sides of the switching surfaces that the case declares are "
-        "covered besides. From the centre of its cell to one of them the gap rises by at most so many times what "
-        f"slopes allow: {table}. Where a surface is not declared, nothing limits that factor."
+        "covered too. Between the centre of its cell and such a state the gap rises by at most this factor times "
+        f"what the slopes allow: {table}. Where a surface is not declared, that factor is unlimited."
     )

@@ -127,7 +127,7 @@ def staircase_tier(context: Context, height: Floats) -> Tier:
     added = ", ".join(f"{size:.2g} for {name}" for name, size in zip(context.states, height, strict=True))
     return Tier(
         2,
-        "A force that turns round does so at the end of a step of the engine, not within it, which makes a staircase "
-        f"that is narrower than a cell; a stair of it is added to the bound: {added}. It is the largest that was met "
-        "on random lines along the speeds, or by the rates of the nominal plant: an estimate.",
+        "In the engine a force reverses at the end of a step, not within it. This makes a staircase narrower than a "
+        f"cell, and one stair is added to the bound: {added}. It is the largest found on random lines along the "
+        "speeds, or by the rates of the nominal plant: an estimate.",
     )

@@ -263,5 +263,5 @@ def _attacked(again: Searched) -> Tier:
     return Tier(
         3,
         f"A directed search with a seed of its own tried to break the bound in {again.evaluations:,} steps over "
-        f"histories and headings: {again.outside} of them lie outside. What a larger search would find is not known.",
+        f"histories and headings: {again.outside} of them lie outside. A larger search might find more.",
     )

@@ -102,13 +102,15 @@ class SymmetryDeviation:
         if not self.along:
             return Tier(
                 2,
-                "The gap is taken to depend on position and heading through the robot's own frame alone. The engine "
-                f"keeps this symmetry only nearly: among {self.samples:,} roll-outs repeated at random headings the "
+                "The gap is assumed to depend on position and heading through the robot's own frame only. The engine "
+                "keeps this symmetry only approximately: among {self.samples:,} roll-outs repeated at random "
+                "headings the "
                 f"largest deviation was {added}; that is added to the bound and is an estimate.",
             )
         return Tier(
             2,
-            f"The gap is taken not to depend on {', '.join(self.along)}. Among {self.samples:,} roll-outs repeated at "
+            f"The gap is assumed not to depend on {', '.join(self.along)}. Among {self.samples:,} roll-outs repeated "
+            "at "
             f"other places along {'it' if len(self.along) == 1 else 'them'}, the ends of X included, the largest "
             f"deviation was {added}; that is added to the bound and is an estimate.",
         )

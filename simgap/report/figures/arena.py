@@ -80,21 +80,17 @@ def _footprint(axis: Any, scene: PlanarScene, x: Floats, colour: str) -> None:
 
 
 def _legend(figure: Any) -> None:
-    from matplotlib.legend_handler import HandlerTuple
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    handles: list[Any] = [
-        (Line2D([], [], color=style.VERMILLION), Line2D([], [], color=style.BLUE)),
-        Line2D([], [], color="#8A8F98", ls=(0, (4, 2))),
-        Line2D([], [], color=style.BLACK, marker="X", ls="", mec="white", ms=10),
-        Patch(facecolor=style.SURROUNDINGS.obstacle),
-        Patch(facecolor=style.SURROUNDINGS.target[0], edgecolor=style.SURROUNDINGS.target[1]),
-    ]
-    labels = ["simulator", "nominal model", "collision", "obstacle", "target"]
-    figure.legend(
-        handles, labels, loc="outside upper left", ncols=5, columnspacing=1.1, handler_map={tuple: HandlerTuple(None)}
-    )
+    named = {
+        "simulator": (Line2D([], [], color=style.VERMILLION), Line2D([], [], color=style.BLUE)),
+        "nominal model": Line2D([], [], color="#8A8F98", ls=(0, (4, 2))),
+        "collision": Line2D([], [], color=style.BLACK, marker="X", ls="", mec="white", ms=10),
+        "obstacle": Patch(facecolor=style.SURROUNDINGS.obstacle),
+        "target": Patch(facecolor=style.SURROUNDINGS.target[0], edgecolor=style.SURROUNDINGS.target[1]),
+    }
+    style.legend(figure, named, 5)
 
 
 def times_figure(steps: Mapping[str, Sequence[int]], tau: float, promised: int | None = None) -> Any:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from simgap.arrays import Floats
+from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.verdict.missing import Binned, Missing
 from simgap.diagnosis.verdict.words import phrase
 from simgap.io import figure_style as style
@@ -20,71 +19,57 @@ MOST_OPTIONS = 5  # of a step that are drawn
 OTHER = "#8A929B"
 
 
-@dataclass(frozen=True, eq=False)
-class Overlay:
-    """Data beside what the models predict, over one stretch.
+def overlay_figure(
+    windows: Sequence[WindowPrediction], states: Sequence[str], inputs: Sequence[str], document: Mapping[str, Any]
+) -> Any:
+    """Measured against predicted, then the residuals before and after, for every measured state; the inputs last.
 
-    Attributes:
-        trace: name of the trace.
-        t: (n,) s.
-        measured, before, after: (n, k); predictions are nan where no window is, and start anew with each window.
-        u: (n, m) inputs.
-        states, inputs: names of the columns.
-        sigma: (k,) noise of the channels.
-        held_out: stretches (from, to) that were never fitted, s.
-        whole: whether all of it was never fitted.
+    Args:
+        windows: of one trace, in order; predictions start anew with each.
+        states, inputs: names of their columns; document: of the diagnosis, for units and noise.
     """
-
-    trace: str
-    t: Floats
-    measured: Floats
-    before: Floats
-    after: Floats
-    u: Floats
-    states: tuple[str, ...]
-    inputs: tuple[str, ...]
-    sigma: Floats
-    held_out: tuple[tuple[float, float], ...] = ()
-    whole: bool = True
-
-
-def overlay_figure(o: Overlay, units: Mapping[str, str]) -> Any:
-    """Measured against predicted, then what is left before and after, for every measured state; the inputs last."""
     import matplotlib.pyplot as plt
 
-    rows = 3 * len(o.states) + (1 if o.inputs else 0)
-    heights = [2.4, 1.1, 1.1] * len(o.states) + ([1.2] if o.inputs else [])
+    units, sigma = document["units"], [document["noise"][s] for s in states]
+    whole = all(w.held_out for w in windows)
+    t = np.concatenate([np.append(w.t, w.t[-1]) for w in windows])
+    measured, before, after, u = (
+        np.concatenate([np.pad(getattr(w, k), ((0, 1), (0, 0)), constant_values=np.nan) for w in windows])
+        for k in ("measured", "before", "after", "inputs")
+    )
+    rows = 3 * len(states) + (1 if inputs else 0)
+    heights = [2.4, 1.1, 1.1] * len(states) + ([1.2] if inputs else [])
     figure, axes = plt.subplots(
         rows, 1, sharex=True, figsize=(style.WIDTH, sum(heights) + 0.6), height_ratios=heights, squeeze=False
     )
-    pick = np.arange(0, o.t.size, max(1, o.t.size // MOST_POINTS))
-    for k, name in enumerate(o.states):
+    pick = np.arange(0, t.size, max(1, t.size // MOST_POINTS))
+    for k, name in enumerate(states):
         top, first, second = axes[3 * k : 3 * k + 3, 0]
-        top.plot(o.t[pick], o.measured[pick, k], color=style.MEASURED, lw=3.2, alpha=0.35, label="measured")
-        top.plot(o.t[pick], o.before[pick, k], color=style.BEFORE, ls=(0, (5, 2)), label="before")
-        top.plot(o.t[pick], o.after[pick, k], color=style.AFTER, lw=1.3, label="after")
+        top.plot(t[pick], measured[pick, k], color=style.MEASURED, lw=3.2, alpha=0.35, label="measured")
+        top.plot(t[pick], before[pick, k], color=style.BEFORE, ls=(0, (5, 2)), label="before")
+        top.plot(t[pick], after[pick, k], color=style.AFTER, lw=1.3, label="after")
         top.set_ylabel(axis_label(name, units))
-        sides = ((first, o.before, style.BEFORE, (0, (5, 2)), "before"), (second, o.after, style.AFTER, "-", "after"))
+        sides = ((first, before, style.BEFORE, (0, (5, 2)), "before"), (second, after, style.AFTER, "-", "after"))
         for low, predicted, colour, dash, word in sides:  # each on its own scale, or the noise could not be seen
-            low.axhspan(-2 * o.sigma[k], 2 * o.sigma[k], color=style.FLOOR, alpha=0.45, lw=0, label="noise, ±2σ")
-            low.plot(o.t[pick], (o.measured - predicted)[pick, k], color=colour, ls=dash, lw=1.3)
+            low.axhspan(-2 * sigma[k], 2 * sigma[k], color=style.FLOOR, alpha=0.45, lw=0, label="noise, ±2σ")
+            low.plot(t[pick], (measured - predicted)[pick, k], color=colour, ls=dash, lw=1.3)
             low.set_ylabel(f"residual\n{word} ({pretty_unit(units[name])})")
-    if o.inputs:
+    if inputs:
         colours = (style.GREEN, style.PURPLE, style.ORANGE, style.SKY)
-        for j, name in enumerate(o.inputs):
-            axes[-1, 0].step(o.t[pick], o.u[pick, j], where="post", lw=1.2, color=colours[j % 4], label=name)
-        axes[-1, 0].set_ylabel(axis_label(o.inputs[0], units) if len(o.inputs) == 1 else "inputs")
-        if len(o.inputs) > 1:
+        for j, name in enumerate(inputs):
+            axes[-1, 0].step(t[pick], u[pick, j], where="post", lw=1.2, color=colours[j % 4], label=name)
+        axes[-1, 0].set_ylabel(axis_label(inputs[0], units) if len(inputs) == 1 else "inputs")
+        if len(inputs) > 1:
             axes[-1, 0].legend(loc="upper right", ncols=4)
     for axis in axes[:, 0]:
-        for a, b in () if o.whole else o.held_out:
-            axis.axvspan(a, b, color=style.YELLOW, alpha=0.25, lw=0, label="never fitted")
-    axes[0, 0].set_title(f"{o.trace}: " + ("never fitted" if o.whole else "shaded windows were never fitted"))
+        for w in () if whole else (w for w in windows if w.held_out):
+            axis.axvspan(w.t[0], w.t[-1], color=style.YELLOW, alpha=0.25, lw=0, label="never fitted")
+    axes[0, 0].set_title(f"{windows[0].trace}: " + ("never fitted" if whole else "shaded windows were never fitted"))
     axes[-1, 0].set_xlabel("time (s)")
     figure.align_ylabels()
     entries = [axis.get_legend_handles_labels() for axis in axes[:3, 0]]
     named = {label: handle for handles, labels in entries for handle, label in zip(handles, labels, strict=True)}
-    figure.legend(named.values(), named.keys(), loc="outside upper left", ncols=5, columnspacing=1.2)
+    style.legend(figure, named, 5)
     return figure
 
 
@@ -140,10 +125,7 @@ def steps_figure(steps: Sequence[Mapping[str, Any]]) -> Any:
         ends = [max(float(x), NO_LESS) for x in (before, option["chi2_dof"])]
         axis.plot(ends, [y, y], color=colour, lw=width, solid_capstyle="butt", zorder=2)
         axis.plot(ends[1], y, "o", color=colour, ms=size, zorder=3)
-        for x, said in (
-            (0.38, number(option["chi2_dof"])),
-            (1.0, _gain(float(option["bic_gain"]))),
-        ):
+        for x, said in ((0.38, number(option["chi2_dof"])), (1.0, _gain(float(option["bic_gain"])))):
             numbers.text(x, y, said, va="center", ha="right", fontsize=11)
     for x, head in ((0.38, "left"), (1.0, "BIC gain")):
         numbers.text(x, 0, head, va="center", ha="right", fontsize=11, fontweight="bold")
@@ -158,8 +140,7 @@ def steps_figure(steps: Sequence[Mapping[str, Any]]) -> Any:
     axis.set_xlabel("remaining chi²/dof (log); 1 is the noise (dashed)")
     axis.grid(axis="y", visible=False)
     kinds = (("in the answer", style.AFTER, 5.0), ("fitted there, not taken", OTHER, 2.5))
-    handles = [Line2D([], [], color=c, lw=w, marker="o") for _, c, w in kinds]
-    figure.legend(handles, [label for label, *_ in kinds], loc="outside upper left", ncols=2)
+    style.legend(figure, {label: Line2D([], [], color=c, lw=w, marker="o") for label, c, w in kinds}, 2)
     return figure
 
 

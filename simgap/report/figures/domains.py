@@ -78,15 +78,14 @@ def _legend(figure: Any, runs: bool, violated: str) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    handles: list[Any] = [
-        Patch(color="#C9CDD2"),
-        Line2D([], [], color=style.GREY, ls="--"),
-        Line2D([], [], color=style.GREY, marker="o", mec="white", ms=7),
-        Line2D([], [], color=style.BLACK, marker="X", ls="", mec="white", ms=10),
-    ]
-    labels = ["winning domain", "outline of the other one", "run in the simulator", violated]
-    shown = 4 if runs else 2
-    figure.legend(handles[:shown], labels[:shown], loc="outside upper left", ncols=4, columnspacing=1.1)
+    named = {
+        "winning domain": Patch(color="#C9CDD2"),
+        "outline of the other domain": Line2D([], [], color=style.GREY, ls="--"),
+    }
+    if runs:
+        named["run in the simulator"] = Line2D([], [], color=style.GREY, marker="o", mec="white", ms=7)
+        named[violated] = Line2D([], [], color=style.BLACK, marker="X", ls="", mec="white", ms=10)
+    style.legend(figure, named, 4)
 
 
 def slices_figure(

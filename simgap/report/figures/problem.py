@@ -111,4 +111,4 @@ def _legend(figure: Any, panels: Sequence[Any]) -> None:
     for axis in panels:
         for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
             named.setdefault(label, handle)
-    figure.legend(list(named.values()), list(named), loc="outside upper left", ncols=5, columnspacing=1.1)
+    style.legend(figure, named, 5)

@@ -91,19 +91,14 @@ def _legend(figure: Any) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    handles: list[Any] = [
-        (Line2D([], [], color=style.BLUE, lw=2.2), Line2D([], [], color=style.VERMILLION, lw=2.2)),
-        Line2D([], [], color="#6C727B", ls=(0, (4, 2))),
-        Line2D([], [], color="#6C727B", marker="|", ls="", ms=13, mew=2.5),
-        Line2D([], [], color=style.BLACK, marker="X", ls="", mec="white", ms=10),
-        Patch(facecolor=UNSAFE, edgecolor=style.GREEN),
-    ]
-    from matplotlib.legend_handler import HandlerTuple
-
-    labels = ["simulator", "nominal model", "no admissible input", "violation", "unsafe"]
-    figure.legend(
-        handles, labels, loc="outside upper left", ncols=5, columnspacing=1.0, handler_map={tuple: HandlerTuple(None)}
-    )
+    named = {
+        "simulator": (Line2D([], [], color=style.BLUE, lw=2.2), Line2D([], [], color=style.VERMILLION, lw=2.2)),
+        "nominal model": Line2D([], [], color="#6C727B", ls=(0, (4, 2))),
+        "no admissible input": Line2D([], [], color="#6C727B", marker="|", ls="", ms=13, mew=2.5),
+        "violation": Line2D([], [], color=style.BLACK, marker="X", ls="", mec="white", ms=10),
+        "unsafe": Patch(facecolor=UNSAFE, edgecolor=style.GREEN),
+    }
+    style.legend(figure, named, 5)
 
 
 def gap_figure(trace: Trace, states: Sequence[str], units: Mapping[str, str], until: float) -> Any:
