@@ -107,7 +107,7 @@ def test_a_wrong_joint_in_any_stage(vary, tmp_path, capsys, stage):
         ("domain.tau", "5 m", "domain.tau: 'm' is not a unit that converts to s; write it like '0.005 s'"),
         ("gap.basis", ["x1", "x9", 1], "gap.basis: 'x9' names 'x9', which is not known. Known: u, x1, x2."),
         ("plant.effects", [{"name": "rust", "on": "hinge", "parameters": {"b": 1}}], "plant.effects.0.name: there is"),
-        ("plant.states.x1.unit", "deg", "plant.states.x1.unit: the unit is 'deg', what stands here is"),
+        ("plant.states.x1.unit", "deg", "plant.states.x1.unit: the unit is 'deg', but this is computed in"),
         ("grid.eps", 1e-9, "grid.eps: 5,000,000,015,039,489,150 samples of X x U need"),
         ("synthesis.cells", [1000000, 1000000], "synthesis.cells: 25,000,000,000,000 pairs of cell and input for each"),
     ],

@@ -115,7 +115,7 @@ def test_a_delay_spreads_the_successors_over_what_earlier_commands_leave(vary):
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"effects": [{"name": "sensor_offset", "on": "x1", "parameters": {"offset": 0.1}}]}, "cannot act out"),
+        ({"effects": [{"name": "sensor_offset", "on": "x1", "parameters": {"offset": 0.1}}]}, "cannot simulate"),
         ({"equations": EQUATIONS | {"dynamics": {"x1": "x2"}}}, "dynamics are given for"),
         ({"integrator": "exact_arc"}, "wheeled"),
     ],
