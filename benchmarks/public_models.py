@@ -119,10 +119,13 @@ def tried(path: Path, options: dict[str, Any], run: bool) -> dict[str, Any]:
 def closed_loop(case: Path) -> dict[str, Any]:
     """What a run of the case ends with: `won`, `violations` of so many `runs`; or its last line."""
     simgap = Path(sys.executable).with_name("simgap")
-    ended = subprocess.run([simgap, "run", case, "--cores", "1"], capture_output=True, text=True, timeout=4 * RUN)
+    ended = subprocess.run(
+        [simgap, "run", case.name, "--cores", "1"], cwd=case.parent, capture_output=True, text=True, timeout=4 * RUN
+    )
     summary = case.parent / f"results/{case.stem}/summary.json"
     if ended.returncode or not summary.is_file():
-        return {"ran": (ended.stderr or ended.stdout).strip().splitlines()[-1][:300]}
+        reasons = [line for line in ended.stderr.splitlines() if line.startswith("simgap: ")]
+        return {"ran": reasons[0][:300] if reasons else f"status {ended.returncode}"}
     found = json.loads(summary.read_text())
     loop = (found.get("closed_loop") or {}).get("gap", {}).get("simulator", {})
     return {"won": (found.get("winning_fraction") or {}).get("gap"), "runs": loop.get("runs"),
@@ -209,6 +212,8 @@ def page(rows: list[dict[str, Any]]) -> str:
             became = f"case of {r['joints']}{', controller asked for' * r['controller']}"
             if r.get("runs"):
                 became = f"case of {r['joints']}, wins {r['won']:.3f}, {r['violations']} of {r['runs']} runs failed"
+            elif r.get("ran"):
+                became = f"case of {r['joints']}, no controller: {r['ran']}"
         why = re.sub(r"\s+", " ", r["why"]).replace("|", "\\|").replace("<", "&lt;")[:220]
         right = "yes" if r["good"] else "**no**"
         own = [
