@@ -217,12 +217,12 @@ MUTANTS: list[Mutant] = [
             "boxes[at], boxes[at + n] = 0, cells - 2",
         ),
         ("flat boxes miss their last row", "np.uint64(boxes[at + 2] + 1) * s0", "np.uint64(boxes[at + 2]) * s0"),
-        ("solid boxes miss their last layer", "np.uint64(boxes[at + 5] + 1)", "np.uint64(boxes[at + 5])"),
         (
-            "boxes of four axes miss their last cells",
-            "else boxes[at + n + j] + 1) * shape[3, j]",
-            "else boxes[at + n + j]) * shape[3, j]",
+            "solid boxes miss their last layer",
+            "e, f = np.uint64(boxes[at + 2]), np.uint64(boxes[at + 5] + 1)",
+            "e, f = np.uint64(boxes[at + 2]), np.uint64(boxes[at + 5])",
         ),
+        ("boxes of four axes miss their last cells", "np.uint64(boxes[at + 7] + 1)", "np.uint64(boxes[at + 7])"),
     ),
     *_of(
         "synthesis/abstraction/swept.py",

@@ -270,8 +270,9 @@ class MeasuredSection(Section):
         default=None,
         ge=1,
         le=6,
-        description="Largest number of effects in one explanation (if not given 5, or 3 if more than noise is left); "
-        "of an arm of three joints or more, at each joint (3 if not given).",
+        description="Largest number of effects in one explanation (if not given 5; if more than noise is left, each "
+        "beyond the third must halve the squared error); of an arm of three joints or more, at each joint "
+        "(3 if not given).",
     )
     budget_s: float | None = Field(
         default=None,

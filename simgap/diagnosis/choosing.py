@@ -66,7 +66,7 @@ def chosen(parts: Parts, ends: Searched, settings: DiagnosisSettings, not_tried:
         try:
             if not search.watch.stopped:
                 each = trials(known, together)
-                carried = transferable(search, sparse, found, each, settings.horizon_s, most)
+                carried = transferable(search, sparse, found, each, settings.horizon_s, most, settings.max_effects)
         except Stopped:
             carried = None
         except KeyboardInterrupt:

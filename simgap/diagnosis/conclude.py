@@ -82,9 +82,8 @@ def conclude(
     told_of = _told(model, record, known, chosen, kept, verdict_is.others)
     windows = answer.predictions(known, names, (base, base.x0), (kept.fit, kept.fit.x0), False)
     windows += answer.predictions(confirm, names, (base, old.states), (kept.fit, held.states), True)
-    most = settings.max_effects if chosen.at_floor else min(settings.max_effects, settings.most_off_floor)
-    usual, own = DiagnosisSettings(), settings
-    limited = (own.max_effects, own.most_off_floor) != (usual.max_effects, usual.most_off_floor)  # by a person
+    most, usual = settings.max_effects, DiagnosisSettings()
+    limited = (most, settings.most_off_floor) != (usual.max_effects, usual.most_off_floor)  # by a person
     return Diagnosis(
         verdict=word,
         effects=told_of.effects,

@@ -25,7 +25,8 @@ class DiagnosisSettings:
         noise: known noise of channels, state -> standard deviation; the others are estimated.
         effects: names of the effects that may be tried; all if empty.
         known: parameters of the plant that are not in doubt.
-        max_effects: largest number of effects in one explanation; most_off_floor: of one that leaves more than noise.
+        max_effects: largest number of effects in one explanation; most_off_floor: of one that leaves more than noise,
+            unless each further one takes most of what was left away.
         held_out_traces: names of traces that confirm; if empty, `held_out_share` of the record does.
         held_out_share: share of traces or of windows that confirms, and of those that choose (at most half of the
             rest).

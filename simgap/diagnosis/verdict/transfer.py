@@ -24,7 +24,7 @@ from simgap.diagnosis.search.selection import grow
 from simgap.diagnosis.simulation.coarse import JUDGED_ROWS, coarse
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.thresholds import BIC_GAIN, MATTERS, PLAUSIBLE_RATIO, WIDTH
+from simgap.diagnosis.thresholds import BIC_GAIN, MATTERS, MOST, PLAUSIBLE_RATIO, WIDTH
 from simgap.diagnosis.verdict.judge import folds_agree, judge, vanished
 from simgap.diagnosis.verdict.score import Errors, gained
 
@@ -70,6 +70,12 @@ def _best(search: Search, size: int, most: int) -> list[Explanation]:
     return sorted(same, key=lambda e: e.bic)[:most]
 
 
+def _takes_most(search: Search, e: Explanation) -> bool:
+    """Whether a set leaves less than `MOST` of what the best with one effect fewer does."""
+    smaller = _best(search, len(e.members) - 1, 1)
+    return bool(smaller) and e.fit.chi2 < MOST * smaller[0].fit.chi2
+
+
 def _plausible(e: Explanation) -> bool:
     """Whether no ratio of true to declared is beyond belief: such a fit bends the model to a force that it lacks."""
     values = [(p, e.fit.theta[k]) for c in e.members for p, k in zip(c.effect.parameters, c.slots, strict=True)]
@@ -93,7 +99,7 @@ def trials(known: Problem, together: int) -> tuple[Trial, ...]:
 
 
 def transferable(
-    search: Search, base: Fit, best: Explanation, parts: Sequence[Trial], h: float, most: int
+    search: Search, base: Fit, best: Explanation, parts: Sequence[Trial], h: float, most: int, largest: int
 ) -> Carried | None:
     """Of the best sets by BIC the smallest of those that no other surely predicts better than; None if all vanish.
 
@@ -101,7 +107,8 @@ def transferable(
 
     Args:
         search, base, best: what was sought, the model as declared, the best set on it.
-        parts: from `trials`; h: how far ahead is predicted, s; most: largest number of effects.
+        parts: from `trials`; h: how far ahead is predicted, s; most: number of effects that are tried anyhow; largest:
+            number of them where each one more took most of what was left away.
     """
     wider = rescaled(search, best)
     grow(wider, wider.empty(base), most)
@@ -109,8 +116,9 @@ def transferable(
         for e in _best(wider, size, WIDTH):
             wider.joined(e, most=WIDTH)
     pool = [
-        e for size in range(1, most + 1) for e in _best(wider, size, WIDTH)
+        e for size in range(1, largest + 1) for e in _best(wider, size, WIDTH)
         if e.fit.converged and _plausible(e) and not vanished(search, e, False)
+        and (size <= most or _takes_most(wider, e))
     ]  # fmt: skip
     if not pool:
         return None
