@@ -60,7 +60,10 @@ def posture_of(model: SymbolicModel, at: Mapping[str, float]) -> Posture:
     if unknown:
         raise UserError(f"{unknown} are no states", key="--at", remedy=f"States: {', '.join(names)}.")
     states, inputs = [v.symbol for v in model.states], [v.symbol for v in model.inputs]
-    slopes = [[[sp.diff(e, s) for s in own] for e in xdot] for own in (states, inputs)]
+    jump = sp.Wild("jump")  # of dry friction, which no linear model has
+    slopes = [
+        [[sp.diff(e, s).replace(sp.DiracDelta(jump), sp.S.Zero) for s in own] for e in xdot] for own in (states, inputs)
+    ]
 
     def linear(x: Floats, u: Floats) -> tuple[Floats, Floats, Floats]:
         here = dict(zip([*states, *inputs], [*x, *u], strict=True))
