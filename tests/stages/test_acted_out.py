@@ -134,7 +134,7 @@ def test_a_window_as_a_run_by_hand():
     np.testing.assert_allclose(run.inputs[:, 0], np.array(areas) / 2.5)
     np.testing.assert_allclose(run.t, [0.0, 0.25, 0.5, 0.75, 1.0])
     np.testing.assert_allclose(run.read[:, 0], 5.0 + run.t)  # the sensor's offset of 0.5 is taken off
-    (later,) = followed([w], ["v", "q"], ["u"], ["q", "v"], ["q"], {"u": 0.25}, 0.25)
+    (later,) = followed([w], ["v", "q"], ["u"], ["q", "v"], ["q"], {"u": (0.25,)}, 0.25)
     np.testing.assert_allclose(later.inputs[1:, 0], run.inputs[:-1, 0])
     path = np.stack([np.ones(5), 5.0 + run.t + 0.2], axis=1)
     assert stray([run], [path], [1], np.array([0.1]), 0.25) == pytest.approx(2.0)

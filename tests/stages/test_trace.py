@@ -1,5 +1,7 @@
 """The trace stage on both kinds of case, from the command line as well."""
 
+from dataclasses import replace
+
 import pyarrow.parquet as pq
 import pytest
 
@@ -8,6 +10,7 @@ from simgap.config.reads import READS
 from simgap.io.controller_file import load_controller
 from simgap.io.rerun.closed_loop import events, read_curves
 from simgap.io.rerun.recording import JointScene, PlanarScene
+from simgap.io.rerun.scene import viewed
 from simgap.io.traces import split
 from simgap.plants.context import Context
 from simgap.provenance import sections_digest
@@ -78,3 +81,12 @@ def test_missing_traces_are_one_line(robot, capsys, tmp_path):
         main(wrong)
     assert exit_.value.code == 2
     assert capsys.readouterr().err.count("does not exist") >= 1
+
+
+def test_a_model_file_that_the_viewer_refuses_leaves_the_scene_out(root, tmp_path):
+    """Its reader wants a velocity in every <limit>, which no engine does."""
+    told = (root / "configs/models/pendulum.urdf").read_text()
+    (bare := tmp_path / "bare.urdf").write_text(told.replace(' velocity="100"', ""))
+    whole = JointScene(root / "configs/models/pendulum.urdf", {"hinge": 0})
+    assert viewed(whole) is whole
+    assert viewed(replace(whole, urdf=bare)) is None

@@ -5,8 +5,9 @@ such a change within the step did, and the measured end is freed of it, so that 
 held at its mean. A velocity that was not measured is taken from its position by local cubics (Savitzky and Golay 1964):
 an estimate, with the noise of the position that goes through the filter.
 
-A run begins at the state that the corrected model gives for the start of a window. Its inputs are the recorded ones,
-averaged over each sampling time; what was read is freed of what the corrected model says of the sensors.
+A run begins at the state that the corrected model gives for a time in a window. Its inputs are the recorded ones,
+averaged over each sampling time, and over the delays of which a lag is a mixture; what was read is freed of what the
+corrected model says of the sensors.
 """
 
 from __future__ import annotations
@@ -252,35 +253,39 @@ class Followed:
 
 def followed(
     windows: Sequence[WindowPrediction], states: Sequence[str], inputs: Sequence[str], model_states: Sequence[str],
-    measured: Sequence[str], late: Mapping[str, float], tau: float,
+    measured: Sequence[str], late: Mapping[str, Sequence[float] | Floats], tau: float, since: float = 0.0,
 ) -> list[Followed]:  # fmt: skip
     """The windows as runs in steps of tau (s).
 
     Args:
         windows: of the diagnosis; model_states: names of the columns of their `states`.
         states, inputs: of the case, in order; measured: names of the columns of their `measured`.
-        late: seconds by which an input acts later.
+        late: input -> seconds by which equal shares of it act later.
+        since: s after the start of each window, before which inputs matter to what acts later; shorter ones are left.
     """
     place = [list(model_states).index(n) for n in states]
     seen = [list(model_states).index(n) for n in measured]
     runs = []
     for w in windows:
-        t = w.t - w.t[0]
+        begin = int(np.searchsorted(w.t, w.t[0] + since * (1 - 1e-9)))
+        t = w.t[begin:] - w.t[min(begin, len(w.t) - 1)]
+        if len(t) < 2:
+            continue
         steps = int(np.floor(t[-1] / tau * (1 + 1e-9)))
         if steps < 1:
             continue
         at = tau * np.arange(steps + 1, dtype=np.float64)
-        begins = w.t[0] + at[:-1]
+        begins = w.t[begin] + at[:-1]
         u = np.zeros((steps, len(inputs)))
         for k, n in enumerate(inputs):
-            u[:, k] = mean_input(w, k, begins - late.get(n, 0.0), tau)
-        true = w.measured - (w.after - w.states[:, seen])
+            u[:, k] = np.mean([mean_input(w, k, begins - d, tau) for d in late.get(n, (0.0,))], axis=0)
+        true = (w.measured - (w.after - w.states[:, seen]))[begin:]
         if float(np.median(np.diff(t))) < tau:
             read = np.stack([np.interp(at, t, column) for column in true.T], axis=1)
-            runs.append(Followed(w.states[0, place], u, np.asarray(at), read))
+            runs.append(Followed(w.states[begin, place], u, np.asarray(at), read))
         else:
             inside = t <= at[-1] * (1 + 1e-9)
-            runs.append(Followed(w.states[0, place], u, t[inside], true[inside]))
+            runs.append(Followed(w.states[begin, place], u, t[inside], true[inside]))
     return runs
 
 

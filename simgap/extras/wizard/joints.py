@@ -89,11 +89,9 @@ def axes_of(urdf: Path, joints: Mapping[str, FileJoint], at: Mapping[str, float]
     """The moving joints in the order of the file, around the positions `at`, 0 where none is given.
 
     Raises:
-        UserError: a file without moving joints, a joint of another kind or without room, a name that is none of them, a
-            position that the joint does not reach.
+        UserError: a joint of another kind or without room, a name that is none of them, a position that the joint does
+            not reach.
     """
-    if not joints:
-        raise UserError("has no moving joint", file=urdf, remedy="Give the URDF of a robot that moves.")
     check_positions(joints, at)
     axes = []
     for k, (name, joint) in enumerate(joints.items()):

@@ -79,6 +79,8 @@ def compiled(path: Path, keep: Collection[str] | None, bolted: bool, at: Mapping
             "base or a body that moves freely", file=path, key="--base",
             remedy="--base fixed locks it; a floating base needs equations of its own.",
         )  # fmt: skip
+    if not turning:
+        raise UserError("has no hinge or slide", file=path, remedy="Give the model of a robot that moves.")
     _check_names(path, [n for k, n in enumerate(names) if k != loose], turning, [*(keep or ()), *at])
     left = [n for n in turning if keep is None or n in keep]
     whole = len(left) == len(names)

@@ -34,12 +34,13 @@ def lock(robot: ElementTree.Element, joints: Collection[str], at: Mapping[str, f
     What mimics another locked joint stands where that puts it.
     """
     for joint in robot.findall("joint"):
-        if joint.get("name") in joints:
+        if joint.get("name") in joints or joint.get("type") == "fixed":
             _lock(joint, _place(joint, at))
     for link in robot.findall("link"):
         for shape in [s for s in link if s.tag in ("visual", "collision")]:
             link.remove(shape)
-    for drive in [d for d in robot.findall("transmission") if {j.get("name") for j in d.findall("joint")} & {*joints}]:
+    moving = {joint.get("name") for joint in robot.findall("joint") if joint.get("type") != "fixed"}
+    for drive in [d for d in robot.findall("transmission") if {j.get("name") for j in d.findall("joint")} - moving]:
         robot.remove(drive)
 
 
@@ -85,6 +86,8 @@ def refuse_coupled(path: Path, joints: Mapping[str, FileJoint], keep: Collection
 
 def _place(joint: ElementTree.Element, at: Mapping[str, float]) -> float:
     mimic = joint.find("mimic")
+    if joint.get("type") == "fixed":
+        return 0.0
     if mimic is None:
         return at[joint.get("name", "")]
     ratio, offset = float(mimic.get("multiplier", "1")), float(mimic.get("offset", "0"))
@@ -157,9 +160,9 @@ def model_of_urdf(path: Path, asked: Asked, note: Callable[[str], None]) -> NewM
     """
     file, robot = read_model_file(path, meshes=False), reading.read_xml(path)
     check_positions(file.joints, asked.at)
+    keep = _kept(path, file.joints, asked)
     standing = base_of(robot, file.driven)
     _check_base(path, standing.kind, standing.words, asked.base)
-    keep = _kept(file.joints, asked)
     refuse_coupled(path, file.joints, keep)
     absent = [
         m for m in file.meshes if not inside_folders(path, m) or not any(map(reading.is_file, places_of(path, m)[:1]))
@@ -232,8 +235,14 @@ def _check_base(path: Path, kind: str, words: str, base: str | None) -> None:
         )  # fmt: skip
 
 
-def _kept(joints: Mapping[str, FileJoint], asked: Asked) -> tuple[str, ...]:
-    if asked.joints is None:
-        bolted = asked.base == "fixed"
-        return tuple(n for n, joint in joints.items() if not bolted or joint.kind in _MOVING)
-    return named_joints(asked.joints, joints, "--joints")
+def _kept(path: Path, joints: Mapping[str, FileJoint], asked: Asked) -> tuple[str, ...]:
+    if asked.joints is not None:
+        return named_joints(asked.joints, joints, "--joints")
+    kept = tuple(n for n, joint in joints.items() if asked.base != "fixed" or joint.kind in _MOVING)
+    if not kept:
+        others = ", ".join(dict.fromkeys(joint.kind for joint in joints.values()))
+        raise UserError(
+            f"has no joint that turns or slides{f', but: {others}' if others else ''}", file=path,
+            remedy="Give the model of a robot that moves.",
+        )  # fmt: skip
+    return kept

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from simgap.arrays import Floats
+from simgap.arrays import Bools, Floats
 from simgap.errors import UserError
 from simgap.late import scipy
 from simgap.late import sympy as sp
@@ -19,6 +19,9 @@ STILL = 1e-6
 PACE = 2.0
 """Rate of a plant whose linear model has none, nothing but masses, 1/s: any pace is as good as another."""
 GRAVITY = 9.81
+NEAR = 0.02
+"""Of its value by which a state that is named moves to where the plant rests: a number of two or three digits."""
+_NEWTON = 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +47,10 @@ class Posture:
 
 
 def posture_of(model: SymbolicModel, at: Mapping[str, float]) -> Posture:
-    """The posture at which the states have the values `at`, 0 where none is given, with the inputs that hold it.
+    """The posture at which the states have the values `at`, with the inputs that hold it.
+
+    Where no inputs do, states move to where the plant rests: those that `at` does not name, which begin at 0, and by
+    NEAR of their value those that it names and that are no positions.
 
     Raises:
         UserError: a name that is no state, or a posture that no input holds.
@@ -54,29 +60,63 @@ def posture_of(model: SymbolicModel, at: Mapping[str, float]) -> Posture:
     if unknown:
         raise UserError(f"{unknown} are not states", key="--at", remedy=f"States: {', '.join(names)}.")
     states, inputs = [v.symbol for v in model.states], [v.symbol for v in model.inputs]
-    x = np.array([float(at.get(n, 0.0)) for n in names])
-    here = dict(zip(states, x, strict=True))
-    b = _numbers([[sp.diff(e, s) for s in inputs] for e in xdot], here | dict.fromkeys(inputs, 0.0))
-    drift = _numbers([[e] for e in xdot], here | dict.fromkeys(inputs, 0.0))[:, 0]
-    u = -np.linalg.lstsq(b, drift, rcond=None)[0] if inputs else np.zeros(0)
-    u = np.asarray(np.where(np.abs(u) < STILL, 0.0, u), dtype=np.float64)
-    held = here | dict(zip(inputs, u, strict=True))
-    a = _numbers([[sp.diff(e, s) for s in states] for e in xdot], held)
-    left = _numbers([[e] for e in xdot], held)[:, 0]
-    rates = np.abs(np.linalg.eigvals(a))
-    rate = float(rates.max()) if rates.max() > STILL else PACE
-    scale = _scale(model, rate)
-    worst = int(np.argmax(np.abs(left) / scale))
-    if abs(left[worst]) > 1e-3 * rate * scale[worst]:
-        raise UserError(
+    jump = sp.Wild("jump")  # of dry friction, which no linear model has
+    slopes = [
+        [[sp.diff(e, s).replace(sp.DiracDelta(jump), sp.S.Zero) for s in own] for e in xdot] for own in (states, inputs)
+    ]
+
+    def linear(x: Floats, u: Floats) -> tuple[Floats, Floats, Floats]:
+        here = dict(zip([*states, *inputs], [*x, *u], strict=True))
+        return _numbers(slopes[0], here), _numbers(slopes[1], here), _numbers([[e] for e in xdot], here)[:, 0]
+
+    asked = np.array([float(at.get(n, 0.0)) for n in names])
+    unnamed = np.array([n not in at for n in names])
+    movable = unnamed | ~np.isin(names, [c.position for c in model.coordinates])
+    room = np.where(unnamed, math.inf, NEAR * np.abs(asked))
+    refusal, elsewhere = None, "Name one that rests, such as --at q2=3.14159."
+    for moved, away in ((movable & False, 0.0), (movable, 0.0), (movable, 1.0), (movable, -1.0)):
+        try:
+            x, u = _rest(linear, asked + away * unnamed, len(inputs), moved)
+            a, b, left = linear(x, u)
+        except UserError as error:
+            refusal = refusal or error
+            continue
+        rates = np.abs(np.linalg.eigvals(a))
+        rate = float(rates.max()) if rates.max() > STILL else PACE
+        scale = _scale(model, rate)
+        worst = int(np.argmax(np.abs(left) / scale))
+        if abs(left[worst]) <= 1e-3 * rate * scale[worst]:
+            if np.all(np.abs(x - asked) <= room):
+                break
+            elsewhere = f"It rests at {', '.join(f'{n}={v:.6g}' for n, v in zip(names, x, strict=True) if n in at)}."
+            continue
+        refusal = refusal or UserError(
             f"no input holds the posture {', '.join(f'{n}={v:g}' for n, v in zip(names, x, strict=True))}: "
             f"{names[worst]} changes by {left[worst]:.3g} {model.states[worst].unit}/s", key="--at",
-            remedy="Name one at rest, such as --at q2=3.14159.",
         )  # fmt: skip
+    else:
+        assert refusal is not None
+        raise UserError(refusal.problem, key=refusal.key, remedy=refusal.remedy or elsewhere)
     read = set().union(*(sp.sympify(e).free_symbols for e in xdot))
     free = tuple(n for n, s in zip(names, states, strict=True) if s not in read)
     size = np.abs(b / scale[:, None]).max(axis=0)
     return Posture(x, u, a, b, rate, scale, rate / np.where(size > 0, size, 1.0), free)
+
+
+def _rest(
+    linear: Callable[[Floats, Floats], tuple[Floats, Floats, Floats]], x: Floats, inputs: int, moved: Bools
+) -> tuple[Floats, Floats]:
+    """Newton's steps from x and no input towards rates of 0, the shortest ones in inputs and the states `moved`.
+
+    Raises:
+        UserError: they lead to where the model is no finite number.
+    """
+    u = np.zeros(inputs)
+    for _ in range(_NEWTON if moved.any() else 1):
+        a, b, rates = linear(x, u)
+        step = -np.linalg.lstsq(np.hstack([a * moved, b]), rates, rcond=None)[0]
+        x, u = x + step[: len(x)], u + step[len(x) :]
+    return x, np.where(np.abs(u) < STILL, 0.0, u)
 
 
 def _scale(model: SymbolicModel, rate: float) -> Floats:

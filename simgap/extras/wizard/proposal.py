@@ -37,8 +37,8 @@ from simgap.specifications.space import Space
 from simgap.synthesis.synthesise import Problem
 
 REACH = 0.25
-"""Half-width of X for the largest angle, rad, on which the motion depends, and where there is none for the largest
-position, in its unit. Judgement: the sine of it differs from it by a hundredth."""
+"""Half-width of X for the largest position on which the motion depends: of 1 rad, of the length of a pendulum of the
+plant's rate, and of its unit at most. Judgement: the sine of .25 differs from it by a hundredth."""
 SHARES = (0.1, 0.2, 0.4)
 """Of the input that a linear feedback takes at the worst corner of the box: what is tried, and the first that wins is
 taken. A pole on a cart wins .18 of its box with .09 of it. Stronger ones are farther apart, which costs cells."""
@@ -137,15 +137,12 @@ class Search:
         ]
 
     def sought(self) -> Floats:
-        """Half-widths of X where nothing limits it: an angle on which the motion depends goes to REACH."""
-        names, unit = self.model.state_names, {v.name: v.unit for v in self.model.states}
-        groups = (
-            [n for n in names if unit[n] == "rad" and n not in self.posture.free],
-            [c.position for c in self.model.coordinates],
-            list(names),
-        )
-        measured = next(group for group in groups if group)
-        return np.asarray(self.shape.box * REACH / max(self.shape.box[names.index(n)] for n in measured))
+        """Half-widths of X where nothing limits it: what the motion depends on goes to REACH of its scale."""
+        names, posture = self.model.state_names, self.posture
+        positions = [names.index(c.position) for c in self.model.coordinates] or list(range(len(names)))
+        measured = [j for j in positions if names[j] not in posture.free] or positions
+        reach = REACH * np.minimum(posture.scale, 1.0)
+        return np.asarray(self.shape.box / np.max((self.shape.box / reach)[measured]))
 
     def pairs(self, cells: tuple[int, ...], share: float) -> int:
         """How many pairs of cell and input a game has."""

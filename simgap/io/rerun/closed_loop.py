@@ -12,6 +12,7 @@ Entities, over the timeline `sim_time`:
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +40,7 @@ from simgap.io.rerun.recording import (
     send,
     share_of_bound,
 )
-from simgap.io.rerun.scene import log_scene, robot_name, stance
+from simgap.io.rerun.scene import log_scene, robot_name, stance, viewed
 from simgap.io.traces import NOMINAL, ROBUST, SIMULATOR, TITLES, Trace, twin
 from simgap.notation import axis_label
 from simgap.synthesis.controller import Controller
@@ -49,6 +50,7 @@ def write_recording(path: Path, content: Content) -> None:
     """Write the recording with its blueprint, atomically."""
     import rerun as rr
 
+    content = replace(content, scene=viewed(content.scene))
     with recording_file(path, "simgap", f"simgap-{content.case}", blueprint(content)) as recording:
         recording.log("about", rr.TextDocument(content.about, media_type="text/markdown"), static=True)
         for trace in content.traces:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,17 @@ from simgap.io.traces import MODEL, TITLES, Trace, twin
 WORLD = "tf#/scene"  # the frame of the entity /scene
 APART = 0.6  # between copies of a plant that is fixed to the ground, as a share of its reach
 _COLOURED = {"cylinder": "Cylinders3D", "box": "Boxes3D", "sphere": "Ellipsoids3D", "capsule": "Capsules3D"}
+
+
+def viewed(scene: JointScene | PlanarScene | None) -> JointScene | PlanarScene | None:
+    """The scene without a model file that the viewer's reader refuses, such as one whose <limit> has no velocity."""
+    if scene is None or scene.urdf is None:
+        return scene
+    try:
+        _tree(scene.urdf, "viewed")
+    except RuntimeError:
+        return replace(scene, urdf=None) if isinstance(scene, PlanarScene) else None
+    return scene
 
 
 def log_scene(recording: Any, content: Content) -> None:
