@@ -67,17 +67,14 @@ class Job:
 def attack(job: Job) -> tuple[Searched, dict[str, Campaign]]:
     """Everything that one part does: the gap, then the closed loop in the simulator and against the disturbance."""
     context = Context(job.case, job.path)
-    simulator, gap = make_simulator(job.case, context.folder), from_json(job.gap)
-    rng, hidden = np.random.default_rng(job.seed), job.case.hidden_state
-    try:
+    gap, rng, hidden = from_json(job.gap), np.random.default_rng(job.seed), job.case.hidden_state
+    with make_simulator(job.case, context.folder) as simulator:
         if hidden is not None:
             asked = HistoryQuestion.of(context, simulator, gap, hidden.length)
             found = search_histories(asked, job.evaluations, rng, *job.known)
         else:
             found = PointSearch(Question.of(context, simulator, gap), job.evaluations, rng).run(*job.known)
         return found, attack_loops(context, simulator, gap, job.solution.read(), job.starts, job.steps, rng)
-    finally:
-        simulator.close()
 
 
 TABLES = ".tables"  # folder beside the counts

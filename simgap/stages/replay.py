@@ -59,16 +59,13 @@ def simulate(case: Case, folder: Path, witness: Witness) -> Floats:
     """The states of a witness in the simulator, in the engine's process: (k + 1, nx)."""
     from simgap.simulators.rollouts import make_simulator
 
-    simulator = make_simulator(case, folder)
-    try:
+    with make_simulator(case, folder) as simulator:
         if simulator.remembers and witness.kind == STEP:
             least, largest = simulator.spread(witness.states[:1], witness.inputs[-1:])
             nearer_top = np.abs(witness.d - witness.hi) <= np.abs(witness.d - witness.lo)
             return np.concatenate([witness.states[:1], np.where(nearer_top, largest, least)])
         simulator.reset(witness.states[0])
         return np.array([witness.states[0], *(simulator.advance(u) for u in witness.inputs)])
-    finally:
-        simulator.close()
 
 
 def _trace(context: Context, gap: GapFunction, witness: Witness, states: Floats) -> Trace:
