@@ -19,7 +19,7 @@ from simgap.attack.share import Searched, Step, share
 from simgap.gap.bounds.function import GapDomain, GapFunction
 from simgap.gap.sampling.borders import critical_points, switching_surfaces
 from simgap.gap.sampling.points import Columns, stacked, successors
-from simgap.geometry import Box
+from simgap.geometry import Box, nearest_inputs
 from simgap.plants.context import Context
 from simgap.simulators.base import Simulator
 
@@ -270,9 +270,4 @@ def worst_steps(context: Context, gap: GapFunction, tables: Sequence[Columns]) -
         x, u = np.concatenate([x, own_x[rows]]), np.concatenate([u, own_u[rows]])
         shares = np.concatenate([shares, own[rows]])
     order = worst_first(context.box, x, shares, WORST)
-    return x[order], numbers(context.input_set, u[order])
-
-
-def numbers(inputs: Floats, u: Floats) -> Ints:
-    """Numbers of inputs of U (M, nu): (n, nu) -> (n,)."""
-    return np.argmin(((u[:, None] - inputs[None]) ** 2).sum(axis=2), axis=1).astype(np.int64)
+    return x[order], nearest_inputs(context.input_set, u[order])
