@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import distance_transform_edt
 
-from simgap.attack.campaign import LENGTH, Opponent, Scene, campaign
+from simgap.attack.campaign import LENGTH, Opponent, Scene, WorstDisturbance, campaign
 from simgap.attack.danger import Danger, WorstStarts
 from simgap.attack.law import Law
-from simgap.attack.plants import WorstDisturbance
 from simgap.closed_loop import batch_loop
 from simgap.geometry import Box, Grid
 from simgap.judge import Judge
