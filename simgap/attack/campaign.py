@@ -17,7 +17,7 @@ import numpy as np
 
 from simgap.arrays import Bools, Floats, Ints
 from simgap.attack.danger import Danger, WorstStarts
-from simgap.attack.law import Law, Options
+from simgap.attack.law import ControlLaw, Options
 from simgap.attack.share import KEPT, share
 from simgap.gap.bounds.function import GapFunction
 from simgap.judge import Judge, split_by_run
@@ -253,7 +253,7 @@ class Opponent:
 
 def campaign(
     opponent: Opponent,
-    law: Law,
+    law: ControlLaw,
     scene: Scene,
     starts: Callable[[int], Floats],
     budget: int,
@@ -307,7 +307,7 @@ def _count(out: Campaign, opponent: Opponent, rule: str, runs: list[Run], steps:
 
 def play(
     plants: Plants,
-    law: Law,
+    law: ControlLaw,
     scene: Scene,
     rule: str,
     space: Space,
@@ -345,7 +345,7 @@ def play(
 class _Record:
     """States, measurements, inputs and memories of runs side by side."""
 
-    def __init__(self, n: int, nx: int, steps: int, law: Law) -> None:
+    def __init__(self, n: int, nx: int, steps: int, law: ControlLaw) -> None:
         self.x, self.seen = np.full((steps + 1, n, nx), np.nan), np.full((steps + 1, n, nx), np.nan)
         self.inputs, self.memory = np.full((steps, n), -1, np.int64), np.tile(law.first(n), (steps + 1, 1))
         self.near, self.watched = np.full((steps + 1, n), np.inf), False
@@ -395,7 +395,7 @@ def attack_loops(
     danger = worst.danger
     monitor = specification_of(case).monitor(space, solution)
     error = space.vector(case.sensing.error if case.sensing else {})
-    law = Law(solution, context.input_set, error)
+    law = ControlLaw(solution, context.input_set, error)
     model, inputs = context.plant.sampled, context.input_set
     most = case.validation.steps if case.validation is not None else 2000
     judge = Judge(space, monitor, most, inputs, model, gap, solution)

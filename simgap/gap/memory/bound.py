@@ -20,7 +20,7 @@ from simgap.gap.bounds.previous import PreviousClasses
 from simgap.gap.fitting.acceptance import FreshCheck, check_sequences, confirmed, tolerate
 from simgap.gap.memory.fit import HistoryInfluence, HullFit
 from simgap.gap.memory.hidden_state import TOP, check_fading, tolerance_of
-from simgap.gap.memory.search import BoundTable, Searched, search
+from simgap.gap.memory.search import BoundTable, HistorySearch, search
 from simgap.gap.sampling.points import Columns, Points, body_samples
 from simgap.gap.sampling.samples import previous_classes, read_back
 from simgap.gap.sampling.symmetry import SymmetryDeviation
@@ -29,7 +29,7 @@ from simgap.simulators.body_samples import REST
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import last_steps_of
 
-Attack = Callable[[BoundTable], Searched]
+Attack = Callable[[BoundTable], HistorySearch]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +69,7 @@ class HiddenStateFit:
     margin: Floats
     memory: Floats
     deviation: SymmetryDeviation
-    searched: Searched | None = None
+    searched: HistorySearch | None = None
 
 
 def assemble_hulls(
@@ -109,7 +109,7 @@ def assemble_hulls(
 
 
 def _widening_tier(
-    states: Sequence[str], fit: HullFit, memory: Floats, excess: Floats, margin: Floats, searched: Searched | None
+    states: Sequence[str], fit: HullFit, memory: Floats, excess: Floats, margin: Floats, searched: HistorySearch | None
 ) -> Tier:
     def named(values: Floats) -> str:
         return ", ".join(f"{v:.2g} for {s}" for s, v in zip(states, values, strict=True))
@@ -173,7 +173,7 @@ def robot_of(context: Context, hidden: HiddenStateSection, motion: Floats) -> Ro
     return Robot(domain, motion, between, hidden.growth, previous_classes(context), pose)
 
 
-def _attack(context: Context, hidden: HiddenStateSection, seed: int, table: BoundTable) -> Searched:
+def _attack(context: Context, hidden: HiddenStateSection, seed: int, table: BoundTable) -> HistorySearch:
     job = context.case, context.folder, table, context.input_set, hidden.search_length, hidden.search, seed
     (found,) = run_in_processes(search_in_engine, [job])
     return found
@@ -181,7 +181,7 @@ def _attack(context: Context, hidden: HiddenStateSection, seed: int, table: Boun
 
 def search_in_engine(
     case: Case, folder: Path, table: BoundTable, inputs: Floats, length: int, budget: int, seed: int
-) -> Searched:
+) -> HistorySearch:
     """Run in the engine's process; see `hidden_search.search`."""
     with last_steps_of(case, folder, inputs) as steps:
         return search(table, steps, inputs, length, budget, np.random.default_rng(seed))
@@ -204,7 +204,7 @@ def _check(context: Context, fit: HiddenStateFit, fresh: Columns) -> FreshCheck:
 
 
 def _content(
-    context: Context, fit: HiddenStateFit, check: FreshCheck, again: Searched | None, previous: int, rolled: int
+    context: Context, fit: HiddenStateFit, check: FreshCheck, again: HistorySearch | None, previous: int, rolled: int
 ) -> dict[str, Any]:
     hidden = context.need(context.case.hidden_state, "hidden_state")
     tried = [] if again is None else [_attacked(again)]
@@ -248,7 +248,7 @@ def _content(
     }
 
 
-def _attacked(again: Searched) -> Tier:
+def _attacked(again: HistorySearch) -> Tier:
     return Tier(
         3,
         f"A directed search with a seed of its own tried to break the bound in {again.evaluations:,} steps over "
