@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -20,9 +21,7 @@ from simgap.config.case import Case
 from simgap.config.gap import LipschitzSection
 from simgap.config.simulator import Damping
 from simgap.gap.fitting.acceptance import check_fresh
-from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.sampling.points import draw, product
-from simgap.gap.sampling.samples import GapSamples
 from simgap.geometry import Grid
 from simgap.plants.context import Context
 from simgap.plants.plant_model import PlantModel
@@ -31,7 +30,12 @@ from simgap.simulators.process import run_in_processes
 from simgap.simulators.pybullet_joints import PyBulletSettings
 from simgap.simulators.rollouts import roll_out
 
-CASE = Path(__file__).parents[1] / "configs" / "cases" / "pendulum.yaml"
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT))
+
+from tests.gap.fit_in_memory import GapSamples, fit_gap  # noqa: E402
+
+CASE = ROOT / "configs" / "cases" / "pendulum.yaml"
 FREE = Damping(linear=0.0, angular=0.0)
 ENGINES = {
     "MuJoCo": MuJoCoSettings(),

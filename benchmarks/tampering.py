@@ -30,7 +30,7 @@ from tampering_oracle import Oracle
 
 ROOT = Path(__file__).parents[1]
 RESULT = ROOT / "benchmarks" / "results" / "tampering.json"
-sys.path[:0] = [str(ROOT / "checker"), str(ROOT / "tests" / "checker")]
+sys.path[:0] = [str(ROOT), str(ROOT / "checker"), str(ROOT / "tests" / "checker")]
 DRAWN = 4000  # nodes at which a certificate is tried, beside those whose tables were changed
 
 Head = dict[str, Any]
@@ -232,8 +232,6 @@ def cart() -> Any:
     from simgap.extras.certify import Certified, Reached
     from simgap.gap.bases import Expressions
     from simgap.gap.bounds.closed_form import ClosedFormGap
-    from simgap.gap.fitting.fit import fit_gap
-    from simgap.gap.sampling.samples import GapSamples
     from simgap.geometry import Box, Grid
     from simgap.model.expressions import parse
     from simgap.model.sampled import NominalModel
@@ -241,6 +239,7 @@ def cart() -> Any:
     from simgap.specifications.reach_avoid import ReachAvoid
     from simgap.specifications.space import Space
     from simgap.synthesis.synthesise import Problem, synthesise
+    from tests.gap.fit_in_memory import GapSamples, fit_gap
 
     names, inputs = ["x", "v", "u"], np.linspace(-1, 1, 5)[:, None]
     x, u, box = (symbol("x"), symbol("v")), (symbol("u"),), Box([0.0, -0.6], [2.0, 0.6])

@@ -156,6 +156,11 @@ class Grid:
         return find
 
 
+def nearest_inputs(inputs: Floats, u: Floats) -> Ints:
+    """Numbers of the inputs (M, nu) of U that are nearest to u (n, nu): (n,)."""
+    return np.argmin(((u[:, None] - inputs[None]) ** 2).sum(axis=2), axis=1).astype(np.int64)
+
+
 def drawn_in_cells(grid: Grid, cells: Ints, rng: np.random.Generator, corners: tuple[int, ...]) -> Floats:
     """A point of each flat cell (n,): (n, nx). One of four is on a face, one for each of `corners` at a corner.
 

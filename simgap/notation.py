@@ -40,17 +40,8 @@ def pretty_unit(unit: str) -> str:
     if "{force}" in unit or "{position}" in unit:
         kinds = ({"force": "N*m", "position": "rad"}, {"force": "N", "position": "m"})
         return " or ".join(pretty_unit(unit.format(**kind, input="{input}", state="{state}")) for kind in kinds)
-    out, k = "", 0
-    text = unit.replace("**", "^").replace("{", "").replace("}", " unit")
-    while k < len(text):
-        if text[k] == "^":
-            end = k + 1
-            while end < len(text) and (text[end].isdigit() or text[end] == "-"):
-                end += 1
-            out, k = out + superscript(text[k + 1 : end]), end
-        else:
-            out, k = out + (" " if text[k] == "*" else text[k]), k + 1
-    return out
+    text = unit.replace("**", "^").replace("{", "").replace("}", " unit").replace("*", " ")
+    return re.sub(r"\^([\d-]*)", lambda power: superscript(power[1]), text)
 
 
 def axis_label(name: str, units: Mapping[str, str]) -> str:

@@ -15,91 +15,60 @@ from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
-from types import MappingProxyType, ModuleType
+from types import ModuleType
 from typing import Any
 
 from simgap import reading
-from simgap.errors import UserError
+from simgap.errors import UserError, excerpt
 
-BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
-    {
-        "engines": MappingProxyType(
-            {
-                "pybullet": "simgap.simulators.pybullet_joints:PyBulletJoints",
-                "pybullet_wheeled": "simgap.simulators.pybullet_wheeled:PyBulletWheeled",
-                "mujoco": "simgap.simulators.mujoco_joints:MuJoCoJoints",
-                "equations": "simgap.simulators.equations:EquationsEngine",
-                "python": "simgap.simulators.python_function:PythonEngine",
-                "drake": "simgap.extras.engines.drake_joints:DrakeJoints",
-                "fmu": "simgap.extras.engines.fmu:FmuEngine",
-                "mujoco_wheeled": "simgap.simulators.mujoco_wheeled:MuJoCoWheeled",
-            }
-        ),
-        "bases": MappingProxyType(
-            {
-                "expressions": "simgap.gap.bases:Expressions",
-                "monomials": "simgap.gap.bases:Monomials",
-                "trigonometric": "simgap.gap.bases:Trigonometric",
-                "blocks": "simgap.gap.bases:Blocks",
-            }
-        ),
-        "effects": MappingProxyType(
-            {
-                "parameter_error": "simgap.effects.parameter_error:ParameterError",
-                "gravity_tilt": "simgap.effects.gravity_tilt:GravityTilt",
-                "wheel_mismatch": "simgap.effects.wheel_mismatch:WheelMismatch",
-                "lateral_slip": "simgap.effects.lateral_slip:LateralSlip",
-                "rolling_resistance": "simgap.effects.rolling_resistance:RollingResistance",
-                "viscous_friction": "simgap.effects.viscous_friction:ViscousFriction",
-                "coulomb_friction": "simgap.effects.coulomb_friction:CoulombFriction",
-                "stribeck_friction": "simgap.effects.stribeck_friction:StribeckFriction",
-                "quadratic_drag": "simgap.effects.quadratic_drag:QuadraticDrag",
-                "spring": "simgap.effects.spring:Spring",
-                "cubic_spring": "simgap.effects.cubic_spring:CubicSpring",
-                "cogging": "simgap.effects.cogging:Cogging",
-                "sensor_offset": "simgap.effects.sensor_offset:SensorOffset",
-                "input_lag": "simgap.effects.input_lag:InputLag",
-                "input_saturation": "simgap.effects.input_saturation:InputSaturation",
-                "input_dead_zone": "simgap.effects.input_dead_zone:InputDeadZone",
-                "input_bias": "simgap.effects.input_bias:InputBias",
-                "input_gain": "simgap.effects.input_gain:InputGain",
-                "input_delay": "simgap.effects.input_delay:InputDelay",
-                "reflected_inertia": "simgap.effects.reflected_inertia:ReflectedInertia",
-                "constant_force": "simgap.effects.constant_force:ConstantForce",
-                "directional_friction": "simgap.effects.directional_friction:DirectionalFriction",
-                "dahl_friction": "simgap.effects.dahl_friction:DahlFriction",
-                "lugre_friction": "simgap.effects.lugre_friction:LuGreFriction",
-                "load_friction": "simgap.effects.load_friction:LoadFriction",
-                "input_directional_gain": "simgap.effects.input_directional_gain:InputDirectionalGain",
-                "torque_speed_limit": "simgap.effects.torque_speed_limit:TorqueSpeedLimit",
-                "sensor_gain": "simgap.effects.sensor_gain:SensorGain",
-                "input_curve": "simgap.effects.input_curve:InputCurve",
-                "force_curve": "simgap.effects.force_curve:ForceCurve",
-                "payload": "simgap.effects.payload:Payload",
-                "joint_elasticity": "simgap.effects.joint_elasticity:JointElasticity",
-                "elasticity_behind_encoder": "simgap.effects.elasticity_behind_encoder:ElasticityBehindEncoder",
-                "backlash": "simgap.effects.backlash:Backlash",
-            }
-        ),
-        "specifications": MappingProxyType(
-            {
-                "invariance": "simgap.specifications.invariance:Invariance",
-                "reach_avoid": "simgap.specifications.reach_avoid:ReachAvoid",
-                "reach_and_stay": "simgap.specifications.reach_and_stay:ReachAndStay",
-            }
-        ),
-    }
-)
-"""For each group, names and where the class stands ('module:Class')."""
+_EFFECTS = (
+    "parameter_error", "gravity_tilt", "wheel_mismatch", "lateral_slip", "rolling_resistance", "viscous_friction",
+    "coulomb_friction", "stribeck_friction", "quadratic_drag", "spring", "cubic_spring", "cogging", "sensor_offset",
+    "input_lag", "input_saturation", "input_dead_zone", "input_bias", "input_gain", "input_delay", "reflected_inertia",
+    "constant_force", "directional_friction", "dahl_friction", "lugre_friction", "load_friction",
+    "input_directional_gain", "torque_speed_limit", "sensor_gain", "input_curve", "force_curve", "payload",
+    "joint_elasticity", "elasticity_behind_encoder", "backlash",
+)  # fmt: skip
 
-DOORS: Mapping[str, str] = MappingProxyType(
-    {
-        "engines": "simgap.simulators.rollouts",
-        "bases": "simgap.gap.fitting.linear_fit",
-        "effects": "simgap.effects",
-        "specifications": "simgap.specifications.base",
-    }
-)
+
+def _place_of_effect(name: str) -> str:
+    """The class `ViscousFriction` of the module `viscous_friction`."""
+    return f"simgap.effects.{name}:{''.join(word.capitalize() for word in name.split('_'))}"
+
+
+BUILT_IN: Mapping[str, Mapping[str, str]] = {
+    "engines": {
+        "pybullet": "simgap.simulators.pybullet_joints:PyBulletJoints",
+        "pybullet_wheeled": "simgap.simulators.pybullet_wheeled:PyBulletWheeled",
+        "mujoco": "simgap.simulators.mujoco_joints:MuJoCoJoints",
+        "equations": "simgap.simulators.equations:EquationsEngine",
+        "python": "simgap.simulators.python_function:PythonEngine",
+        "drake": "simgap.extras.engines.drake_joints:DrakeJoints",
+        "fmu": "simgap.extras.engines.fmu:FmuEngine",
+        "mujoco_wheeled": "simgap.simulators.mujoco_wheeled:MuJoCoWheeled",
+    },
+    "bases": {
+        "expressions": "simgap.gap.bases:Expressions",
+        "monomials": "simgap.gap.bases:Monomials",
+        "trigonometric": "simgap.gap.bases:Trigonometric",
+        "blocks": "simgap.gap.bases:Blocks",
+    },
+    "effects": {
+        **{name: _place_of_effect(name) for name in _EFFECTS},
+        "lugre_friction": "simgap.effects.lugre_friction:LuGreFriction",
+    },
+    "specifications": {
+        "invariance": "simgap.specifications.invariance:Invariance",
+        "reach_avoid": "simgap.specifications.reach_avoid:ReachAvoid",
+        "reach_and_stay": "simgap.specifications.reach_and_stay:ReachAndStay",
+    },
+}
+DOORS: Mapping[str, str] = {
+    "engines": "simgap.simulators.rollouts",
+    "bases": "simgap.gap.fitting.linear_fit",
+    "effects": "simgap.effects",
+    "specifications": "simgap.specifications.base",
+}
 """For each group the module through which its plug-ins are run: what imports it depends on those that a case uses."""
 
 _ONE = {"engines": "engine", "bases": "basis", "effects": "effect", "specifications": "specification"}
@@ -129,7 +98,7 @@ def find(group: str, name: str, folder: Path | None = None) -> type[Any]:
         return _beside(name, folder)
     if name in _offered(group):
         return _installed(group, name)
-    raise UserError(f"no {_ONE[group]} is called '{_short(name)}'", remedy=f"Known: {', '.join(names(group))}.")
+    raise UserError(f"no {_ONE[group]} is called '{excerpt(name, 80)}'", remedy=f"Known: {', '.join(names(group))}.")
 
 
 def source(plugin: type[Any]) -> Path | None:
@@ -163,10 +132,12 @@ def _installed(group: str, name: str) -> type[Any]:
 def _beside(name: str, folder: Path | None) -> type[Any]:
     file, _, attribute = name.rpartition(":")
     if folder is None:
-        raise UserError(f"'{_short(name)}' is a file, but there is no case for it to stand beside")
+        raise UserError(f"'{excerpt(name, 80)}' is a file, but there is no case for it to stand beside")
     path = reading.real(folder / file)
     if not path.is_relative_to(reading.real(folder)):
-        raise UserError(f"the plug-in file '{_short(file)}' lies outside the case's folder", remedy="Put it beside it.")
+        raise UserError(
+            f"the plug-in file '{excerpt(file, 80)}' lies outside the case's folder", remedy="Put it beside it."
+        )
     if not reading.is_file(path):
         raise UserError("the plug-in file does not exist", file=path, remedy="Put it beside the case.")
     content = reading.read_bytes(path)
@@ -203,7 +174,9 @@ def _module(path: Path, content: bytes) -> ModuleType:
         exec(compile(content, str(path), "exec"), module.__dict__)
     except Exception as error:
         del sys.modules[module.__name__]
-        raise UserError(f"the plug-in does not run: {type(error).__name__}: {_short(str(error))}", file=path) from None
+        raise UserError(
+            f"the plug-in does not run: {type(error).__name__}: {excerpt(str(error), 80)}", file=path
+        ) from None
     _FILES[path, content] = module
     return module
 
@@ -212,10 +185,6 @@ def _of(module: ModuleType, attribute: str, name: str) -> type[Any]:
     found = getattr(module, attribute, None)
     if not isinstance(found, type):
         raise UserError(
-            f"the plug-in '{_short(name)}' has no class '{_short(attribute)}'", remedy="Check its spelling."
+            f"the plug-in '{excerpt(name, 80)}' has no class '{excerpt(attribute, 80)}'", remedy="Check its spelling."
         )
     return found
-
-
-def _short(text: str) -> str:
-    return text if len(text) <= 80 else text[:77] + "..."

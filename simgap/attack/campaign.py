@@ -1,11 +1,13 @@
 """All closed-loop attacks on one plant: every rule in turn from the worst starts, each run judged.
 
 A rule picks one of the admissible inputs, the worst in some sense: it gives every input a number and the largest is
-taken; equal ones are told apart at random.
+taken; equal ones are told apart at random. The plants are a simulator's, or the model with its disturbance.
 """
 
 from __future__ import annotations
 
+import itertools
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -15,17 +17,89 @@ import numpy as np
 
 from simgap.arrays import Bools, Floats, Ints
 from simgap.attack.danger import Danger, WorstStarts
-from simgap.attack.law import Law, Options
-from simgap.attack.plants import OneByOne, Plants, RolledOut, WorstDisturbance
+from simgap.attack.law import ControlLaw, Options
 from simgap.attack.share import KEPT, share
 from simgap.gap.bounds.function import GapFunction
 from simgap.judge import Judge, split_by_run
 from simgap.plants.context import Context
 from simgap.simulators.base import Simulator
 from simgap.specifications.base import specification_of
-from simgap.specifications.monitor import Run
+from simgap.specifications.monitor import Monitor, Run
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
+
+Bounds = Callable[[Floats, Floats, Ints], tuple[Floats, Floats]]
+Step = Callable[[Floats, Floats], Floats]
+
+
+class Plants(ABC):
+    """Some plants, each a run."""
+
+    def reset(self, x: Floats) -> None:  # noqa: B027 - most have nothing to put there
+        """Put them at states (n, nx)."""
+
+    @abstractmethod
+    def advance(self, x: Floats, u: Floats, before: Ints) -> tuple[Floats, Floats | None]:
+        """From states (n, nx), where they are, under inputs (n, nu): -> states (n, nx), clearance of the paths (n,).
+
+        `before` (n,) are the numbers of the inputs that acted last, -1 at rest.
+        """
+
+
+class RolledOut(Plants):
+    """Runs of a simulator whose whole state is x: a step is a roll-out, so runs go side by side."""
+
+    def __init__(self, simulator: Simulator) -> None:
+        self._simulator = simulator
+
+    def advance(self, x: Floats, u: Floats, before: Ints) -> tuple[Floats, Floats | None]:
+        """See `Plants`; (n, nx), (n, nu), (n,)."""
+        return self._simulator.rollouts(x, u), None
+
+
+class OneByOne(Plants):
+    """One run of a simulator that remembers more than x; its paths are watched where it records them."""
+
+    def __init__(self, simulator: Simulator, monitor: Monitor) -> None:
+        self._simulator, self._monitor = simulator, monitor
+
+    def reset(self, x: Floats) -> None:
+        """Put the simulator at x, (1, nx)."""
+        self._simulator.reset(x[0])
+
+    def advance(self, x: Floats, u: Floats, before: Ints) -> tuple[Floats, Floats | None]:
+        """See `Plants`; (1, nx), (1, nu), (1,)."""
+        following = self._simulator.advance(u[0])[None]
+        path = getattr(self._simulator, "path", None)
+        if path is None or not self._monitor.measures_clearance:
+            return following, None
+        return following, np.array([self._monitor.clearance(path)])
+
+
+class WorstDisturbance(Plants):
+    """The model that the controller is made for, `f + [lo, hi]`: the next state is the worst corner of that box.
+
+    What counts as worst is nearness to losing; every fourth time a corner is drawn.
+    """
+
+    def __init__(self, step: Step, bounds: Bounds, danger: Danger, monitor: Monitor, rng: np.random.Generator) -> None:
+        self._step, self._bounds, self._danger, self._rng = step, bounds, danger, rng
+        self._monitor = monitor
+
+    def advance(self, x: Floats, u: Floats, before: Ints) -> tuple[Floats, Floats | None]:
+        """See `Plants`; (n, nx), (n, nu), (n,). Clearance is that of the samples: the box says nothing of the path."""
+        predicted, (lo, hi) = self._step(x, u), self._bounds(x, u, before)
+        corners = np.stack(
+            [predicted + np.where(c, hi, lo) for c in itertools.product((False, True), repeat=x.shape[1])]
+        )
+        worst = np.argmax(self._danger(corners, self._danger.level is not None), axis=0)
+        drawn = self._rng.integers(0, len(corners), len(x))
+        taken = np.where(self._rng.integers(0, 4, len(x)) == 0, drawn, worst)
+        following = corners[taken, np.arange(len(x))]
+        if not self._monitor.measures_clearance:
+            return following, None
+        return following, np.array([self._monitor.clearance(state[None]) for state in following])
+
 
 LENGTH = 200
 """Samples for which a run is to stay: more starts find more than longer runs, which end in the same few corners."""
@@ -179,7 +253,7 @@ class Opponent:
 
 def campaign(
     opponent: Opponent,
-    law: Law,
+    law: ControlLaw,
     scene: Scene,
     starts: Callable[[int], Floats],
     budget: int,
@@ -233,7 +307,7 @@ def _count(out: Campaign, opponent: Opponent, rule: str, runs: list[Run], steps:
 
 def play(
     plants: Plants,
-    law: Law,
+    law: ControlLaw,
     scene: Scene,
     rule: str,
     space: Space,
@@ -271,7 +345,7 @@ def play(
 class _Record:
     """States, measurements, inputs and memories of runs side by side."""
 
-    def __init__(self, n: int, nx: int, steps: int, law: Law) -> None:
+    def __init__(self, n: int, nx: int, steps: int, law: ControlLaw) -> None:
         self.x, self.seen = np.full((steps + 1, n, nx), np.nan), np.full((steps + 1, n, nx), np.nan)
         self.inputs, self.memory = np.full((steps, n), -1, np.int64), np.tile(law.first(n), (steps + 1, 1))
         self.near, self.watched = np.full((steps + 1, n), np.inf), False
@@ -321,7 +395,7 @@ def attack_loops(
     danger = worst.danger
     monitor = specification_of(case).monitor(space, solution)
     error = space.vector(case.sensing.error if case.sensing else {})
-    law = Law(solution, context.input_set, error)
+    law = ControlLaw(solution, context.input_set, error)
     model, inputs = context.plant.sampled, context.input_set
     most = case.validation.steps if case.validation is not None else 2000
     judge = Judge(space, monitor, most, inputs, model, gap, solution)

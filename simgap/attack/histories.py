@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgap.arrays import Floats, Ints
-from simgap.attack.share import Searched, Step, share
+from simgap.attack.share import GapStep, SearchRecord, share
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapFunction
 from simgap.gap.memory.hidden_state import InputGrid
@@ -28,7 +28,7 @@ WORST = 200  # known sequences, the worst of each table of samples
 
 
 @dataclass(frozen=True, eq=False)
-class HistoryQuestion:
+class HistoryProblem:
     """Gap and bound of a robot's steps.
 
     Attributes:
@@ -45,7 +45,7 @@ class HistoryQuestion:
     heading: int = 2
 
     @staticmethod
-    def of(context: Context, robot: Simulator, gap: GapFunction, length: int) -> HistoryQuestion:
+    def of(context: Context, robot: Simulator, gap: GapFunction, length: int) -> HistoryProblem:
         """Of a robot in its own frame."""
         assert isinstance(robot, PathSimulator)
         assert isinstance(gap, BodyFrameGap)
@@ -57,16 +57,16 @@ class HistoryQuestion:
             paths = robot.chain(start, context.input_set[m])[1]
             return BodySamples.of_paths(m, paths, robot.pose).final - motion[m]
 
-        return HistoryQuestion(gaps, gap.bounds_of_inputs, context.input_set, length, pose[2])
+        return HistoryProblem(gaps, gap.bounds_of_inputs, context.input_set, length, pose[2])
 
 
-def search_histories(question: HistoryQuestion, budget: int, rng: np.random.Generator, known: Ints) -> Searched:
+def search_histories(question: HistoryProblem, budget: int, rng: np.random.Generator, known: Ints) -> SearchRecord:
     """Spend about `budget` steps, beginning at sequences `known` (n, length + 1) that end in a bad step, worst first.
 
     Raises:
         UserError: inputs that are not a full grid.
     """
-    grid, found, size = InputGrid.of(question.inputs), Searched(), question.length + 1
+    grid, found, size = InputGrid.of(question.inputs), SearchRecord(), question.length + 1
     sequences = -(-budget // size)
     known = known[: sequences // 2]
     kinds = iter(["worst known histories"] * len(known) + ["drawn histories"] * max(LINEAGES, sequences // 4))
@@ -84,15 +84,15 @@ def search_histories(question: HistoryQuestion, budget: int, rng: np.random.Gene
     return found
 
 
-def _worst(question: HistoryQuestion, m: Ints, heading: float, kind: str, found: Searched) -> float:
+def _worst(question: HistoryProblem, m: Ints, heading: float, kind: str, found: SearchRecord) -> float:
     """The largest share along a sequence of input numbers (k,), every step of it noted in `found`."""
     d = question.gaps(m, heading)
     lo, hi = question.bounds(m, np.concatenate([[-1], m[:-1]]))
     shares, u = share(d, d, lo, hi), question.inputs[m]
 
-    def step(k: int) -> Step:
+    def step(k: int) -> GapStep:
         x = np.where(np.arange(3) == question.heading, heading, 0.0)
-        return Step(float(shares[k]), x, u[k], d[k], lo[k], hi[k], u[:k], heading)
+        return GapStep(float(shares[k]), x, u[k], d[k], lo[k], hi[k], u[:k], heading)
 
     found.see(kind, shares, step)
     return float(shares.max())

@@ -35,7 +35,7 @@ class Options:
 
 
 @dataclass(frozen=True, eq=False)
-class Law:
+class ControlLaw:
     """A solution with the error of what is measured, (nx,)."""
 
     solution: Solution

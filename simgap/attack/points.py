@@ -15,11 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgap.arrays import Floats, Ints
-from simgap.attack.share import Searched, Step, share
+from simgap.attack.share import GapStep, SearchRecord, share
 from simgap.gap.bounds.function import GapDomain, GapFunction
 from simgap.gap.sampling.borders import critical_points, switching_surfaces
 from simgap.gap.sampling.points import Columns, stacked, successors
-from simgap.geometry import Box
+from simgap.geometry import Box, nearest_inputs
 from simgap.plants.context import Context
 from simgap.simulators.base import Simulator
 
@@ -33,7 +33,7 @@ MOST_PLACES = 2_000  # states on the border of X and beside switching surfaces; 
 
 
 @dataclass(frozen=True, eq=False)
-class Question:
+class GapProblem:
     """Gap, bound and domain of a simulator.
 
     Attributes:
@@ -53,7 +53,7 @@ class Question:
     places: Floats | None = None
 
     @staticmethod
-    def of(context: Context, simulator: Simulator, gap: GapFunction) -> Question:
+    def of(context: Context, simulator: Simulator, gap: GapFunction) -> GapProblem:
         """Of a simulator that is a function of state and input, or a range of it where commands are late."""
 
         def successors(x: Floats, u: Floats) -> tuple[Floats, Floats]:
@@ -64,15 +64,15 @@ class Question:
 
         step, domain = context.plant.sampled.step, gap.domain
         places = places_of_jumps(context, domain)
-        return Question(successors, step, gap.bounds, context.box, context.input_set, domain.free, places)
+        return GapProblem(successors, step, gap.bounds, context.box, context.input_set, domain.free, places)
 
 
 class PointSearch:
     """A search with a budget; `found` is what it brings home."""
 
-    def __init__(self, question: Question, budget: int, rng: np.random.Generator) -> None:
+    def __init__(self, question: GapProblem, budget: int, rng: np.random.Generator) -> None:
         self.q, self.budget, self.rng = question, budget, rng
-        self.found = Searched()
+        self.found = SearchRecord()
         self.width = question.box.hi - question.box.lo
         self._near = neighbours(question.inputs)
         self._axes = [j for j in range(question.box.size) if j not in question.free]
@@ -82,7 +82,7 @@ class PointSearch:
         """Evaluations left."""
         return self.budget - self.found.evaluations
 
-    def run(self, x: Floats, m: Ints) -> Searched:
+    def run(self, x: Floats, m: Ints) -> SearchRecord:
         """Spend the budget, beginning at states (n, nx) and inputs (n,) that are known to be bad, worst first."""
         self.evolve(int(EVOLVED * self.budget))
         x, m, shares = self._beginnings(x, m)
@@ -103,9 +103,9 @@ class PointSearch:
         lo, hi = self.q.bounds(x, u)
         out[:count] = share(least, largest, lo, hi)
 
-        def step(k: int) -> Step:
+        def step(k: int) -> GapStep:
             d = np.where(largest[k] - hi[k] >= lo[k] - least[k], largest[k], least[k])
-            return Step(float(out[k]), x[k].copy(), u[k].copy(), d, lo[k].copy(), hi[k].copy())
+            return GapStep(float(out[k]), x[k].copy(), u[k].copy(), d, lo[k].copy(), hi[k].copy())
 
         self.found.see(kind, out[:count], step)
         return out
@@ -270,9 +270,4 @@ def worst_steps(context: Context, gap: GapFunction, tables: Sequence[Columns]) -
         x, u = np.concatenate([x, own_x[rows]]), np.concatenate([u, own_u[rows]])
         shares = np.concatenate([shares, own[rows]])
     order = worst_first(context.box, x, shares, WORST)
-    return x[order], numbers(context.input_set, u[order])
-
-
-def numbers(inputs: Floats, u: Floats) -> Ints:
-    """Numbers of inputs of U (M, nu): (n, nu) -> (n,)."""
-    return np.argmin(((u[:, None] - inputs[None]) ** 2).sum(axis=2), axis=1).astype(np.int64)
+    return x[order], nearest_inputs(context.input_set, u[order])

@@ -28,7 +28,7 @@ def share(least: Floats, largest: Floats, lo: Floats, hi: Floats) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class GapStep:
     """One step that the gap's bound was held against.
 
     Attributes:
@@ -47,7 +47,7 @@ class Step:
 
 
 @dataclass
-class Searched:
+class SearchRecord:
     """Record of a search over the gap.
 
     Attributes:
@@ -58,11 +58,11 @@ class Searched:
 
     evaluations: int = 0
     violations: int = 0
-    worst: Step | None = None
-    outside: list[Step] = field(default_factory=list)
+    worst: GapStep | None = None
+    outside: list[GapStep] = field(default_factory=list)
     by: Counter[str] = field(default_factory=Counter)
 
-    def see(self, kind: str, shares: Floats, step: Callable[[int], Step]) -> None:
+    def see(self, kind: str, shares: Floats, step: Callable[[int], GapStep]) -> None:
         """Take note of evaluations, (n,) shares; `step(k)` describes the k-th."""
         self.evaluations += len(shares)
         self.by[kind] += len(shares)
@@ -75,9 +75,9 @@ class Searched:
                 self.worst = step(best)
 
     @staticmethod
-    def joined(parts: Sequence[Searched]) -> Searched:
+    def joined(parts: Sequence[SearchRecord]) -> SearchRecord:
         """Searches side by side."""
-        out = Searched()
+        out = SearchRecord()
         for part in parts:
             out.evaluations += part.evaluations
             out.violations += part.violations

@@ -10,7 +10,7 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.attack.campaign import BrokenRun
-from simgap.attack.share import Step
+from simgap.attack.share import GapStep
 from simgap.errors import UserError
 from simgap.gap.fitting.acceptance import worst_outside
 from simgap.gap.json_record import JsonRecord
@@ -44,7 +44,7 @@ class Witness(JsonRecord):
     hi: Floats
 
     @staticmethod
-    def of_step(step: Step, names: tuple[Sequence[str], Sequence[str]] | None = None) -> Witness:
+    def of_step(step: GapStep, names: tuple[Sequence[str], Sequence[str]] | None = None) -> Witness:
         """From a step that lies outside; the sentence says where if it knows the names of states and inputs."""
         nothing = np.empty((0, step.x.size))
         inputs = step.u[None] if step.history is None else np.concatenate([step.history, step.u[None]])

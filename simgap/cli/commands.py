@@ -6,7 +6,8 @@ The options of a stage are those of its function (`simgap.stages.arguments`); wh
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterator, Mapping, MutableMapping
+from collections import UserDict
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from importlib import import_module, metadata
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
@@ -165,28 +166,13 @@ def _parameter(name: str, hint: Any, default: Any) -> inspect.Parameter:
     return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, typed])
 
 
-class _Loaded(MutableMapping[str, Any]):
+class _Loaded(UserDict[str, Any]):
     """Commands by name, each loaded when it is asked for; those that a program adds come first."""
 
-    def __init__(self, added: Mapping[str, Any]) -> None:
-        self._known = dict(added)
-
     def __getitem__(self, name: str) -> Any:
-        if name not in self._known:
-            self._known[name] = COMMANDS[name].load(name)
-        return self._known[name]
-
-    def __setitem__(self, name: str, command: Any) -> None:
-        self._known[name] = command
-
-    def __delitem__(self, name: str) -> None:
-        del self._known[name]
-
-    def __iter__(self) -> Iterator[str]:
-        yield from dict.fromkeys([*self._known, *COMMANDS])
-
-    def __len__(self) -> int:
-        return len({*self._known, *COMMANDS})
+        if isinstance(self.data[name], Command):
+            self.data[name] = self.data[name].load(name)
+        return self.data[name]
 
 
 class Groups(TyperGroup):
@@ -194,7 +180,7 @@ class Groups(TyperGroup):
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
-        self.commands = _Loaded(self.commands)
+        self.commands = _Loaded({**self.commands, **COMMANDS, **self.commands})
 
     def list_commands(self, ctx: typer.Context) -> list[str]:  # type: ignore[override]
         """Names in the order of the groups."""

@@ -60,8 +60,7 @@ def ask_engine(case: Case, folder: Path, x: Any, u: Any) -> tuple[Mapping[str, L
     """In the engine's process: its links, and the seconds of a roll-out from states (n, nx) under inputs (n, nu)."""
     from simgap.simulators.rollouts import make_simulator
 
-    simulator = make_simulator(case, folder)
-    try:
+    with make_simulator(case, folder) as simulator:
         simulator.rollouts(x[:1], u[:1])  # at the first of them a person's code is tried, which takes longer
         count, size, passed, used, least = 0, 1, 0.0, 0.0, math.inf
         while passed < TRIED or (count < FEWEST and passed < 10 * TRIED):
@@ -73,8 +72,6 @@ def ask_engine(case: Case, folder: Path, x: Any, u: Any) -> tuple[Mapping[str, L
             size = min(2 * size, TOGETHER) if took < TRIED / 10 else size
         # CPU time on a busy machine is much less than the time that passes; an engine may also wait for something.
         return simulator.loaded(), max(used / count, least)
-    finally:
-        simulator.close()
 
 
 def model_file(context: Context) -> ModelFile | None:

@@ -35,7 +35,7 @@ def check_measured(context: Context) -> None:
         _refuse_effects(section)
         refuse_unknown(section, model)
         _refuse_conditions(section, model)
-        _refuse_links(context, section)
+        refuse_links(context, section)
         if section.files:
             paths = named_files(context, section)
             for path in paths:
@@ -102,7 +102,7 @@ def _refuse_conditions(section: MeasuredSection, model: SymbolicModel) -> None:
             raise UserError(error.problem, key=f"measured.conditions.{k}", remedy=error.remedy) from None
 
 
-def _refuse_links(context: Context, section: MeasuredSection) -> None:
+def refuse_links(context: Context, section: MeasuredSection) -> None:
     """An arm's payloads hang on links that a joint moves."""
     tree = context.plant.tree
     if tree is not None and not context.plant.declared.derived:

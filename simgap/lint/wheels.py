@@ -235,11 +235,8 @@ def drives(case: Case, folder: Path) -> list[Drive]:
     if case.plant.symbolic is None or case.plant.symbolic.wheels is None:
         return []  # of no wheeled robot: not even built
     plain = case.simulator.model_copy(update={"effects": ()}) if case.simulator is not None else None
-    robot = make_simulator(case.model_copy(update={"simulator": plain}), folder)
-    try:
+    with make_simulator(case.model_copy(update={"simulator": plain}), folder) as robot:
         return [_drive(robot, case, *told) for told in _commands(case)] if isinstance(robot, WheeledEngine) else []
-    finally:
-        robot.close()
 
 
 def _commands(case: Case) -> list[tuple[bool, float, float]]:

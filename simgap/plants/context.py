@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -89,11 +88,9 @@ class Context:
         plant = self.case.plant
         return {n: s.unit for n, s in plant.states.items()} | {n: i.unit for n, i in plant.inputs.items()}
 
-    @contextmanager
-    def blame(self) -> Iterator[None]:
+    def blame(self) -> AbstractContextManager[None]:
         """Name the case file in mistakes that surface deeper down without a file."""
-        with placed(file=self.path):
-            yield
+        return placed(file=self.path)
 
     @cached_property
     def plant(self) -> PlantModel:

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
@@ -39,7 +39,8 @@ class FileTraits:
 class Simulator(ABC):
     """The map `x+ = f_hat(x, u)` over one sampling time (paper, eq. simulator_model).
 
-    An instance owns an engine and must live in a process of its own (`simgap.simulators.process`).
+    An instance owns an engine and must live in a process of its own (`simgap.simulators.process`). It is a context
+    manager, which closes the engine at its end.
     """
 
     nx: int
@@ -75,6 +76,12 @@ class Simulator(ABC):
 
     def close(self) -> None:  # noqa: B027 - most engines have nothing to release
         """Release the engine."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        self.close()
 
 
 class Engine(Simulator):

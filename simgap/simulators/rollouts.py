@@ -89,25 +89,15 @@ def _engine(case: Case, folder: Path) -> type[Engine]:
 Range = tuple[Floats, Floats]
 
 
-@contextmanager
-def opened(case: Case, folder: Path) -> Iterator[Simulator]:
-    """The simulator of a case, released at the end; in the process that runs it."""
-    simulator = make_simulator(case, folder)
-    try:
-        yield simulator
-    finally:
-        simulator.close()
-
-
 def roll_out(case: Case, folder: Path, x: Floats, u: Floats) -> tuple[Floats, str]:
     """Successors of states (n, nx) under inputs (n, nu), and the engine's name."""
-    with opened(case, folder) as simulator:
+    with make_simulator(case, folder) as simulator:
         return simulator.rollouts(x, u), simulator.engine
 
 
 def roll_out_range(case: Case, folder: Path, x: Floats, u: Floats) -> tuple[Floats, Range | None, str]:
     """`roll_out`, and where delayed or lagged inputs spread the successors their range, two (n, nx)."""
-    with opened(case, folder) as simulator:
+    with make_simulator(case, folder) as simulator:
         spread = simulator.spread(x, u) if simulator.remembers else None
         return simulator.rollouts(x, u), spread, simulator.engine
 
@@ -116,7 +106,7 @@ def follow(jobs: Sequence[tuple[Case, Sequence[Floats], Sequence[Floats]]], fold
     """For each case the paths (k + 1, nx) from its starts (nx,) under its inputs (k, nu)."""
     every = []
     for case, starts, inputs in jobs:
-        with opened(case, folder) as simulator:
+        with make_simulator(case, folder) as simulator:
             paths = []
             for start, u in zip(starts, inputs, strict=True):
                 simulator.reset(start)
@@ -127,7 +117,7 @@ def follow(jobs: Sequence[tuple[Case, Sequence[Floats], Sequence[Floats]]], fold
 
 @contextmanager
 def _robot(case: Case, folder: Path) -> Iterator[PathSimulator]:
-    with opened(case, folder) as simulator:
+    with make_simulator(case, folder) as simulator:
         if not isinstance(simulator, PathSimulator):
             raise UserError(
                 "the engine records no poses between samples, which a hidden state needs",

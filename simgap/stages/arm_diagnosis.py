@@ -56,7 +56,7 @@ def run(
         where = columns_of([c.position for c in ends], [c.velocity for c in ends], inputs, record)
         settings = ArmSettings(
             reading.held_out, section.held_out.fraction, section.max_effects or ArmSettings.most,
-            _payloads(section, tree, reading), _known(context, tree, inputs),
+            _payloads(section, reading), _known(context, tree, inputs),
         )  # fmt: skip
         found = diagnose_arm(tree, record, where, {c.name: c.force_unit for c in ends}, settings, tell)
     for warning in (*reading.warnings, *look.warnings, *found.warnings):
@@ -116,14 +116,9 @@ def _drive(context: Context, joint: str) -> str:
     return found[0]
 
 
-def _payloads(section: MeasuredSection, tree: Tree, reading: Reading) -> tuple[Payload, ...]:
+def _payloads(section: MeasuredSection, reading: Reading) -> tuple[Payload, ...]:
     found = []
     for k, p in enumerate(section.payloads):
-        if p.link not in tree.links:
-            raise UserError(
-                f"no joint moves a link '{p.link}'", key=f"measured.payloads.{k}.link",
-                remedy=f"Moving links: {', '.join(tree.links)}.",
-            )  # fmt: skip
         traces = tuple(n for n, (file, _) in reading.origins.items() if same_file(p.file, file))
         if not traces:
             raise UserError(

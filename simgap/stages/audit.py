@@ -13,9 +13,9 @@ import numpy as np
 from simgap import reading
 from simgap.attack.campaign import Campaign, attack_loops
 from simgap.attack.danger import WorstStarts
-from simgap.attack.histories import HistoryQuestion, search_histories, worst_histories
-from simgap.attack.points import PointSearch, Question, worst_steps
-from simgap.attack.share import Searched
+from simgap.attack.histories import HistoryProblem, search_histories, worst_histories
+from simgap.attack.points import GapProblem, PointSearch, worst_steps
+from simgap.attack.share import SearchRecord
 from simgap.attack.witness import DISTURBANCE, SIMULATOR, Witness
 from simgap.config.case import Case
 from simgap.config.reads import CONTROLLED
@@ -64,20 +64,17 @@ class Job:
     known: tuple[Any, ...]
 
 
-def attack(job: Job) -> tuple[Searched, dict[str, Campaign]]:
+def attack(job: Job) -> tuple[SearchRecord, dict[str, Campaign]]:
     """Everything that one part does: the gap, then the closed loop in the simulator and against the disturbance."""
     context = Context(job.case, job.path)
-    simulator, gap = make_simulator(job.case, context.folder), from_json(job.gap)
-    rng, hidden = np.random.default_rng(job.seed), job.case.hidden_state
-    try:
+    gap, rng, hidden = from_json(job.gap), np.random.default_rng(job.seed), job.case.hidden_state
+    with make_simulator(job.case, context.folder) as simulator:
         if hidden is not None:
-            asked = HistoryQuestion.of(context, simulator, gap, hidden.length)
+            asked = HistoryProblem.of(context, simulator, gap, hidden.length)
             found = search_histories(asked, job.evaluations, rng, *job.known)
         else:
-            found = PointSearch(Question.of(context, simulator, gap), job.evaluations, rng).run(*job.known)
+            found = PointSearch(GapProblem.of(context, simulator, gap), job.evaluations, rng).run(*job.known)
         return found, attack_loops(context, simulator, gap, job.solution.read(), job.starts, job.steps, rng)
-    finally:
-        simulator.close()
 
 
 TABLES = ".tables"  # folder beside the counts
@@ -138,7 +135,7 @@ def run(
         ]
         with engine_pool(workers, engine_log) as pool:
             parts = [job.result() for job in [pool.submit(attack, job) for job in jobs]]
-    found = Searched.joined([part for part, _ in parts])
+    found = SearchRecord.joined([part for part, _ in parts])
     loops = {name: Campaign.joined([own[name] for _, own in parts]) for name in (SIMULATOR, DISTURBANCE)}
     record = provenance("audit", context.case, context.folder, {"audit": section.seed}, CONTROLLED)
     witnesses = _witnesses(context, found, loops)
@@ -171,7 +168,7 @@ def _beside(witnesses: Sequence[Witness]) -> str:
     return f", and {others} of other kinds beside it" if others else ""
 
 
-def _remedy(found: Searched) -> str:
+def _remedy(found: SearchRecord) -> str:
     if found.violations:
         return "The bound does not cover the simulator: use a smaller eps, or longer histories."
     return "The bound held: the fault is in the abstraction or in the specification."
@@ -197,7 +194,7 @@ def _known(context: Context, bound: SavedGap, inputs: AuditFiles) -> tuple[Any, 
     return (worst_histories(context, bound.function, motion_of(context), tables, hidden.length),)
 
 
-def counts(found: Searched, loops: Mapping[str, Campaign], states: Sequence[str]) -> dict[str, Any]:
+def counts(found: SearchRecord, loops: Mapping[str, Campaign], states: Sequence[str]) -> dict[str, Any]:
     """Counts of what was tried and found, as plain data."""
     worst = found.worst
     return {
@@ -226,7 +223,7 @@ def _said(content: Mapping[str, Any]) -> str:
     )
 
 
-def _witnesses(context: Context, found: Searched, loops: Mapping[str, Campaign]) -> list[Witness]:
+def _witnesses(context: Context, found: SearchRecord, loops: Mapping[str, Campaign]) -> list[Witness]:
     out = [Witness.of_step(step, (context.states, context.inputs)) for step in found.outside]
     for name, loop in loops.items():
         out += [Witness.of_run(name, broken, context.input_set) for broken in loop.broken]

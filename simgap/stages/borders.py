@@ -5,13 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from simgap.gap.sampling.borders import border_states, parts_of, roll_out_borders
-from simgap.gap.sampling.points import own_point, units
+from simgap.gap.sampling.points import own_point
 from simgap.plants.context import Context
-from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes
 from simgap.stages import log
 from simgap.stages.arguments import CasePath, Out, Point
-from simgap.stages.gap_inputs import write_columns
+from simgap.stages.gap_inputs import write_rollouts
 
 
 def run(case_path: CasePath, point: Point, out: Out, engine_log: Path | None = None) -> None:
@@ -27,8 +26,6 @@ def run(case_path: CasePath, point: Point, out: Out, engine_log: Path | None = N
         job = (context.case, context.folder, states, context.input_set)
         ((columns, engine),) = run_in_processes(roll_out_borders, [job], log=engine_log)
     section = context.need(context.case.gap, "gap")
-    record = provenance("borders", context.case, context.folder, {"lattice": section.seed}, engine=engine, point=name)
-    constants = {"case": context.case.name, "point": name, "engine": engine}
-    write_columns(out, columns, units(context.case), constants, record)
+    write_rollouts(context, out, "borders", columns, engine, {"lattice": section.seed}, point=name)
     counts = ", ".join(f"{len(x)} for the {part}" for part, x in states.items())
     log.info("wrote %d roll-outs on borders and beside switching surfaces (states: %s)", len(columns["part"]), counts)

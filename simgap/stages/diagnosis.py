@@ -28,7 +28,7 @@ from simgap.io.parquet import table, write_parquet
 from simgap.io.recordings.measured import load_reading
 from simgap.io.recordings.tables import rig_record
 from simgap.io.rerun.diagnosis import write_recording
-from simgap.lint.measured import check_measured, named_files, refuse_arm_conditions, refuse_unknown
+from simgap.lint.measured import check_measured, named_files, refuse_links, refuse_unknown
 from simgap.model.symbolic import SymbolicModel
 from simgap.notation import number
 from simgap.plants.context import Context
@@ -122,7 +122,7 @@ def run(
         if tree is None:
             refuse_unknown(section, model)
         else:
-            refuse_arm_conditions(section)
+            refuse_links(context, section)
         tell(f"reading {len(paths)} file{'s' if len(paths) != 1 else ''}")
         reading = load_reading(model, section, paths, context.folder, str(case_path), strict=not data)
         record = reading.record

@@ -9,15 +9,14 @@ import numpy as np
 
 from simgap.config.gap import HiddenStateSection
 from simgap.gap.memory.histories import fresh_sequences
-from simgap.gap.sampling.points import draw, step_columns, successor_columns, units
+from simgap.gap.sampling.points import draw, step_columns, successor_columns
 from simgap.plants.context import Context
-from simgap.provenance import provenance
 from simgap.simulators.body_samples import joined
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import along_sequences, roll_out
 from simgap.stages import log
 from simgap.stages.arguments import CasePath, Out, Workers
-from simgap.stages.gap_inputs import write_columns
+from simgap.stages.gap_inputs import write_rollouts
 
 
 def run(case_path: CasePath, out: Out, engine_log: Path | None = None, workers: Workers = 2) -> None:
@@ -48,9 +47,7 @@ def random_samples(context: Context, asked: Draw, out: Path, engine_log: Path | 
         results = run_in_processes(roll_out, jobs, workers, engine_log)
     following, engine = np.concatenate([successors for successors, _ in results]), results[0][1]
     columns = successor_columns(context.case, x, u, following)
-    record = provenance(asked.stage, context.case, context.folder, {"samples": asked.seed}, engine=engine)
-    constants = {"case": context.case.name, "seed": asked.seed, "engine": engine}
-    write_columns(out, columns, units(context.case), constants, record)
+    write_rollouts(context, out, asked.stage, columns, engine, {"samples": asked.seed}, seed=asked.seed)
     log.info("wrote %d random samples to %s", len(x), out)
 
 
@@ -62,7 +59,6 @@ def _sequences(context: Context, hidden: HiddenStateSection, out: Path, engine_l
         jobs = [(context.case, context.folder, numbers, inputs, seed) for numbers, seed in parts]
         results = run_in_processes(along_sequences, jobs, workers, engine_log)
     samples, engine = joined([own for own, _ in results]), results[0][1]
-    record = provenance("fresh", context.case, context.folder, {"samples": hidden.fresh_seed}, engine=engine)
-    constants = {"case": context.case.name, "seed": hidden.fresh_seed, "engine": engine}
-    write_columns(out, step_columns(context.case, inputs, samples), units(context.case), constants, record)
+    columns, seed = step_columns(context.case, inputs, samples), hidden.fresh_seed
+    write_rollouts(context, out, "fresh", columns, engine, {"samples": seed}, seed=seed)
     log.info("wrote %d fresh steps to %s", len(samples.m), out)

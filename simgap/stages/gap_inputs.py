@@ -6,11 +6,12 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Protocol, overload
+from typing import Any, overload
 
 from simgap.arrays import Floats
 from simgap.errors import UserError, excerpt
-from simgap.gap.sampling.points import Columns, Points, state_names
+from simgap.gap.json_record import JsonRecord
+from simgap.gap.sampling.points import Columns, Points, state_names, units
 from simgap.io.documents import read_json, write_json
 from simgap.io.parquet import columns_of, read_parquet, record_of, stack, table, write_parquet
 from simgap.late import pyarrow as pa
@@ -31,11 +32,13 @@ def write_points(
         write_parquet(folder / name, table(columns, units, {"point": points.name}, record))
 
 
-def write_columns(
-    path: Path, columns: Columns, units: Mapping[str, str], constants: Mapping[str, Any], record: Mapping[str, Any]
+def write_rollouts(
+    context: Context, out: Path, stage: str, columns: Columns, engine: str, seeds: Mapping[str, int], **about: Any
 ) -> None:
-    """A table from arrays by column, with columns that hold one value throughout."""
-    write_parquet(path, table(columns, units, constants, record))
+    """Write roll-outs, with what they are `about` in every row, such as the point of the grid or the seed."""
+    constants = {"case": context.case.name, **about, "engine": engine}
+    record = provenance(stage, context.case, context.folder, seeds, engine=engine)
+    write_parquet(out, table(columns, units(context.case), constants, record))
 
 
 def points_of_case(context: Context, grid: Path) -> Points:
@@ -112,16 +115,9 @@ def blame_shards(shards: Sequence[Path]) -> Iterator[None]:
         raise
 
 
-class DimensionResult(Protocol):
-    """Result for one dimension."""
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain data."""
-
-
 def write_dimensions(
     context: Context, stage: str, grid: Path, shards: Sequence[Path], out: Path,
-    find: Callable[[Points, Rolled, int], DimensionResult],
+    find: Callable[[Points, Rolled, int], JsonRecord],
 ) -> None:  # fmt: skip
     """Write what `find` finds out about each dimension, the i-th, from the roll-outs of a grid.
 

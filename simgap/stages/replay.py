@@ -16,6 +16,7 @@ from simgap.errors import UserError
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapFunction
 from simgap.gap.bounds.load import from_json
+from simgap.geometry import nearest_inputs
 from simgap.io.documents import read_json
 from simgap.io.rerun.closed_loop import write_witness
 from simgap.io.traces import MODEL, ROBUST, SIMULATOR, Trace
@@ -59,16 +60,13 @@ def simulate(case: Case, folder: Path, witness: Witness) -> Floats:
     """The states of a witness in the simulator, in the engine's process: (k + 1, nx)."""
     from simgap.simulators.rollouts import make_simulator
 
-    simulator = make_simulator(case, folder)
-    try:
+    with make_simulator(case, folder) as simulator:
         if simulator.remembers and witness.kind == STEP:
             least, largest = simulator.spread(witness.states[:1], witness.inputs[-1:])
             nearer_top = np.abs(witness.d - witness.hi) <= np.abs(witness.d - witness.lo)
             return np.concatenate([witness.states[:1], np.where(nearer_top, largest, least)])
         simulator.reset(witness.states[0])
         return np.array([witness.states[0], *(simulator.advance(u) for u in witness.inputs)])
-    finally:
-        simulator.close()
 
 
 def _trace(context: Context, gap: GapFunction, witness: Witness, states: Floats) -> Trace:
@@ -78,8 +76,8 @@ def _trace(context: Context, gap: GapFunction, witness: Witness, states: Floats)
     d = following - context.plant.sampled.step(x, u)
     if isinstance(gap, BodyFrameGap):
         pose = pose_axes(context)
-        m = np.argmin(((u[:, None] - gap.domain.input_set[None]) ** 2).sum(axis=2), axis=1)
-        lo, hi = gap.bounds_of_inputs(m, np.append(REST, m)[: len(m)].astype(np.int64))
+        m = nearest_inputs(gap.domain.input_set, u)
+        lo, hi = gap.bounds_of_inputs(m, np.append(REST, m)[: len(m)])
         d = to_body(d, x[:, pose[2]], pose)
     else:
         lo, hi = gap.bounds(x, u)

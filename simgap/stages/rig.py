@@ -8,7 +8,6 @@ from typing import Annotated
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.config.case import Case
 from simgap.config.rig import Rig, case_of_rig, load_rig
 from simgap.errors import UserError
 from simgap.excitation import multisine
@@ -17,6 +16,7 @@ from simgap.late import pyarrow as pa
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes
+from simgap.simulators.rollouts import follow
 from simgap.stages import log
 from simgap.stages.arguments import Argument, Out
 
@@ -41,12 +41,13 @@ def run(
     rng = np.random.default_rng(rig.seed)
     t: Floats = np.asarray(tau * np.arange(round(rig.seconds / tau)), dtype=np.float64)
     band = rig.excitation
-    jobs, parts = [], []
-    for _ in range(rig.traces):
-        u = np.stack([multisine(t, band.amplitude, band.low, band.high, rng) for _ in context.inputs], axis=1)
-        jobs.append((case, context.folder, u))
-    for number, (x, (_, _, u)) in enumerate(zip(run_in_processes(move, jobs, log=engine_log), jobs, strict=True)):
-        parts.append(recording(context, rig, number, t, x, u, rng))
+    commands = [
+        np.stack([multisine(t, band.amplitude, band.low, band.high, rng) for _ in context.inputs], axis=1)
+        for _ in range(rig.traces)
+    ]
+    jobs = [(case, [np.zeros(len(context.states))], [u[:-1]]) for u in commands]  # each from rest at the origin
+    (paths,) = run_in_processes(follow, [(jobs, context.folder)], log=engine_log)
+    parts = [recording(context, rig, k, t, x, u, rng) for k, ((x,), u) in enumerate(zip(paths, commands, strict=True))]
     write_parquet(out, pa.concat_tables(parts))
     log.info("recorded %d traces of %g s", rig.traces, rig.seconds)
 
@@ -62,17 +63,3 @@ def recording(
     reads = provenance("rig", context.case, context.folder)["reads"]  # hashes alone, and nothing of what it is made of
     record = {"recorded": "rig", "stage": "rig", "reads": reads}
     return table(columns, context.units | {"t": "s"}, {"trace": number}, record)
-
-
-def move(case: Case, folder: Path, u: Floats) -> Floats:
-    """Run in the engine's process: states at the sampling instants, from rest at the origin: (n, nu) -> (n, nx)."""
-    from simgap.simulators.rollouts import make_simulator
-
-    simulator = make_simulator(case, folder)
-    try:
-        x = [np.zeros(simulator.nx)]
-        simulator.reset(x[0])
-        x += [simulator.advance(row) for row in u[:-1]]
-        return np.array(x)
-    finally:
-        simulator.close()

@@ -8,14 +8,13 @@ from typing import Annotated
 from simgap.config.case import Case
 from simgap.errors import UserError
 from simgap.gap.memory.histories import history_shard
-from simgap.gap.sampling.points import Columns, Points, cut, product, remembers, shard_count, successor_columns, units
+from simgap.gap.sampling.points import Columns, Points, cut, product, remembers, shard_count, successor_columns
 from simgap.plants.context import Context
-from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out_range
 from simgap.stages import log
 from simgap.stages.arguments import CasePath, Grid, Option, Out
-from simgap.stages.gap_inputs import points_of_case, write_columns
+from simgap.stages.gap_inputs import points_of_case, write_rollouts
 
 
 def run(
@@ -38,9 +37,7 @@ def run(
         ((columns, engine),) = run_in_processes(roll_out_shard, [job], log=engine_log)
     hidden = context.case.hidden_state
     seeds = {"histories": hidden.seed} if hidden else {}
-    record = provenance("rollouts", context.case, context.folder, seeds, engine=engine)
-    constants = {"case": context.case.name, "point": points.name, "engine": engine}
-    write_columns(out, columns, units(context.case), constants, record)
+    write_rollouts(context, out, "rollouts", columns, engine, seeds, point=points.name)
     log.info("wrote %d roll-outs to %s", len(next(iter(columns.values()))), out)
 
 

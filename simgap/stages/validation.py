@@ -178,15 +178,13 @@ def simulate_chunk(case: Case, folder: Path, shared: Shared, starts: Floats, chu
     space, section = Space.of(case), case.sensing
     sensing = Sensing(space.vector(section.error if section else {}), section.latency if section else 0)
     steps, seed = (case.validation.steps, case.validation.seed) if case.validation else (0, 0)
-    controller, simulator = shared.read(), make_simulator(case, folder)
+    controller = shared.read()
     monitor = specification_of(case).monitor(space, controller.solution)
     rng = np.random.default_rng([chunk, seed])
-    try:
+    with make_simulator(case, folder) as simulator:
         return [
             closed_loop(simulator, controller, x, steps, sensing, rng, monitor, sensing.measure(x, rng)) for x in starts
         ]
-    finally:
-        simulator.close()
 
 
 def trace_of(judge: Judge, about: dict[str, str], number: int, verdict: Verdict) -> Trace:

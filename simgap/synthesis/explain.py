@@ -60,7 +60,7 @@ class AxisNumbers:
 
 
 @dataclass(frozen=True)
-class Try:
+class Attempt:
     """One thing that was tried: what, with which key, on which cells, and the share of the free cells that win."""
 
     what: str
@@ -83,7 +83,7 @@ class Explanation:
     sentence: str
     first: str
     axes: tuple[AxisNumbers, ...]
-    tries: tuple[Try, ...]
+    tries: tuple[Attempt, ...]
 
     def to_json(self) -> dict[str, Any]:
         """Plain data."""
@@ -192,14 +192,14 @@ def axis_numbers(problem: Problem) -> tuple[AxisNumbers, ...]:
 
 def _tries(
     problem: Problem, retimed: Callable[[float], NominalModel] | None, threads: int, known: float | None
-) -> Iterator[Try]:
+) -> Iterator[Attempt]:
     """Finer cells and narrower gaps as far as the budget goes; the path between samples is left aside."""
     plain = replace(problem, swept=None, stray=None, previous=None, latency=0, error=None)
     alone = replace(plain, gap=None)
     finer = _finer(problem.cells, len(problem.inputs))
     for k, cells in enumerate(finer):
         if k == 0 and known is not None:
-            yield Try(NOMINAL, "synthesis.cells", False, cells, known)
+            yield Attempt(NOMINAL, "synthesis.cells", False, cells, known)
         else:
             yield _tried(NOMINAL, "synthesis.cells", False, replace(alone, cells=cells), threads)
     if problem.gap is not None:
@@ -214,12 +214,12 @@ def _tries(
         yield _tried(f"{NOMINAL}, {times:g} times tau", "domain.tau", False, own, threads)
 
 
-def _tried(what: str, key: str, with_gap: bool, problem: Problem, threads: int) -> Try:
+def _tried(what: str, key: str, with_gap: bool, problem: Problem, threads: int) -> Attempt:
     try:
         solution = problem.specification.solve(problem.game(threads))
     except UserError:  # sets that these cells cannot express
-        return Try(what, key, with_gap, problem.cells, 0.0)
-    return Try(what, key, with_gap, problem.cells, solution.fraction if solution.useful else 0.0)
+        return Attempt(what, key, with_gap, problem.cells, 0.0)
+    return Attempt(what, key, with_gap, problem.cells, solution.fraction if solution.useful else 0.0)
 
 
 def _finer(cells: Sequence[int], inputs: int) -> list[tuple[int, ...]]:
@@ -235,7 +235,7 @@ def _finer(cells: Sequence[int], inputs: int) -> list[tuple[int, ...]]:
     return found
 
 
-def _verdict(problem: Problem, first: str, tries: Sequence[Try]) -> tuple[str, str]:
+def _verdict(problem: Problem, first: str, tries: Sequence[Attempt]) -> tuple[str, str]:
     alone = [t for t in tries if t.key == "synthesis.cells" and not t.with_gap]
     gapped = [t for t in tries if t.key == "synthesis.cells" and t.with_gap]
     narrow, other = ([t for t in tries if t.key == key and t.wins > 0] for key in ("gap", "domain.tau"))

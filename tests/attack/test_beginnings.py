@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from simgap.attack.histories import worst_histories
-from simgap.attack.points import PointSearch, Question
+from simgap.attack.points import GapProblem, PointSearch
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain
 from simgap.gap.bounds.previous import PreviousClasses
@@ -36,7 +36,7 @@ def asked(context, jump):
         return np.full(x.shape, -1e-3), np.full(x.shape, 1e-3)
 
     simulator = SimpleNamespace(remembers=False, rollouts=rollouts)
-    return Question.of(context, simulator, SimpleNamespace(bounds=bounds, domain=domain_of(context)))
+    return GapProblem.of(context, simulator, SimpleNamespace(bounds=bounds, domain=domain_of(context)))
 
 
 def test_a_jump_at_rest_is_found_where_a_case_switches_there(vary):
@@ -68,7 +68,7 @@ def test_what_is_known_is_not_crowded_out_by_places():
     def bounds(x, u):
         return np.full(x.shape, -1.0), np.full(x.shape, 1.0)
 
-    q = Question(successors, lambda x, u: x, bounds, box, inputs, places=places)
+    q = GapProblem(successors, lambda x, u: x, bounds, box, inputs, places=places)
     search = PointSearch(q, 100, np.random.default_rng(0))
     known = np.linspace(0.6, 1.0, 50)[:, None]
     search._beginnings(known, np.zeros(50, np.int64))

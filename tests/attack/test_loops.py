@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import distance_transform_edt
 
-from simgap.attack.campaign import LENGTH, Opponent, Scene, campaign
+from simgap.attack.campaign import LENGTH, Opponent, Scene, WorstDisturbance, campaign
 from simgap.attack.danger import Danger, WorstStarts
-from simgap.attack.law import Law
-from simgap.attack.plants import WorstDisturbance
+from simgap.attack.law import ControlLaw
 from simgap.closed_loop import batch_loop
 from simgap.geometry import Box, Grid
 from simgap.judge import Judge
@@ -42,7 +41,7 @@ def attack(problem, solution, gamma=GAMMA, error=(0.0, 0.0), seed=0, monitor=Non
     """The campaign against f + [-gamma, gamma]."""
     model, inputs, _, _ = problem
     rng, monitor = np.random.default_rng(seed), monitor or Inside(BOX)
-    law, danger = Law(solution, inputs, np.array(error)), Danger.of(solution)
+    law, danger = ControlLaw(solution, inputs, np.array(error)), Danger.of(solution)
 
     def bounds(x, u, before):
         return np.broadcast_to(-gamma, x.shape), np.broadcast_to(gamma, x.shape)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from simgap.attack.points import PointSearch, Question, border, worst_first
+from simgap.attack.points import GapProblem, PointSearch, border, worst_first
 from simgap.attack.share import share
 from simgap.geometry import Box
 
@@ -44,7 +44,7 @@ def question(gap, top):
         hi[:, 0] = top
         return lo, hi
 
-    return Question(successors, lambda x, u: x.copy(), bounds, BOX, INPUTS)
+    return GapProblem(successors, lambda x, u: x.copy(), bounds, BOX, INPUTS)
 
 
 def largest(gap):

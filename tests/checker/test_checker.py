@@ -19,8 +19,6 @@ from simgap.errors import UserError
 from simgap.extras.certify import Certified, write_certificate
 from simgap.gap.bases import Expressions
 from simgap.gap.bounds.closed_form import ClosedFormGap
-from simgap.gap.fitting.fit import fit_gap
-from simgap.gap.sampling.samples import GapSamples
 from simgap.geometry import Box, Grid
 from simgap.model.expressions import parse, prefix
 from simgap.model.sampled import NominalModel
@@ -29,6 +27,7 @@ from simgap.specifications.invariance import Invariance
 from simgap.specifications.space import Space
 from simgap.synthesis.synthesise import Problem, synthesise
 from tests.checker.checker_runs import CHECKER, change, run
+from tests.gap.fit_in_memory import GapSamples, fit_gap
 
 NAMES = ["x1", "x2", "u"]
 NOMINAL = ("x1 + 0.05*x2", "x2 + 0.15*u - 0.7*sin(x1)")

@@ -10,8 +10,8 @@ import numpy as np
 
 from simgap.config.gap import ConformalSection, GapSection, LipschitzSection
 from simgap.gap.bases import Monomials
-from simgap.gap.sampling.samples import GapSamples
 from simgap.geometry import Box, Grid
+from tests.gap.fit_in_memory import GapSamples
 
 X = Box([-0.2, -0.5], [0.2, 0.5])
 U = np.linspace(-1.2, 1.2, 5)[:, None]

@@ -8,12 +8,11 @@ import sympy as sp
 
 from simgap.gap.bases import Blocks, Monomials
 from simgap.gap.bounds.function import GapDomain
-from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.sampling.borders import BESIDE, Directed, critical_points, kinks, switching_surfaces, thinned_count
-from simgap.gap.sampling.samples import GapSamples
 from simgap.geometry import Box, Grid
 from simgap.model.symbolic import symbol
 from simgap.plants.context import Context
+from tests.gap.fit_in_memory import GapSamples, fit_gap
 from tests.gap.gap_examples import gap_section
 
 A, V, U = (symbol(name) for name in ("a", "v", "u"))

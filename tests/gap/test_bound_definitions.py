@@ -152,8 +152,10 @@ def test_margin_heading_deviation_and_path_between_poses_are_all_added():
         np.testing.assert_allclose(fit.gap.lower[:, i], np.array([-0.1, -0.3]) - own - turned, rtol=1e-12)
         np.testing.assert_allclose(fit.gap.upper[:, i], np.array([0.2, 0.4]) + own + turned, rtol=1e-12)
     for i, way in enumerate((0.01, 0.02)):  # across headings the larger deviation of both axes may show in either
-        np.testing.assert_allclose(fit.swept.lower[0, :, i], np.array([-0.5, -0.6]) - way - 0.007 - 0.003, rtol=1e-12)
-        np.testing.assert_allclose(fit.swept.upper[0, :, i], np.array([0.7, 0.8]) + way + 0.007 + 0.003, rtol=1e-12)
+        np.testing.assert_allclose(
+            fit.table.swept[0][0, :, i], np.array([-0.5, -0.6]) - way - 0.007 - 0.003, rtol=1e-12
+        )
+        np.testing.assert_allclose(fit.table.swept[1][0, :, i], np.array([0.7, 0.8]) + way + 0.007 + 0.003, rtol=1e-12)
 
 
 def test_a_hull_counts_what_sequences_exceed_on_either_side():

@@ -9,12 +9,11 @@ import sympy as sp
 
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bounds.closed_form import ClosedFormGap
-from simgap.gap.fitting.fit import fit_gap
-from simgap.gap.sampling.samples import GapSamples
 from simgap.geometry import Box, Grid
 from simgap.model.expressions import parse
 from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import symbol
+from tests.gap.fit_in_memory import GapSamples, fit_gap
 from tests.gap.gap_examples import U, X, gap_section
 
 XS, US = (symbol("x1"), symbol("x2")), (symbol("u"),)

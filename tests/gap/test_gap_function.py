@@ -8,7 +8,7 @@ from simgap.gap.bases import Blocks, Expressions, Monomials, Trigonometric
 from simgap.gap.bounds.load import from_json
 from simgap.gap.fitting.acceptance import check_fresh, clopper_pearson_upper
 from simgap.gap.fitting.dimension_fit import Calibration
-from simgap.gap.fitting.fit import fit_gap
+from tests.gap.fit_in_memory import fit_gap
 from tests.gap.gap_examples import PAPER, U, X, coulomb, gap_section, off_grid, on_grid, smooth
 
 KINDS = {
@@ -148,8 +148,8 @@ def test_conformal_refuses_a_gap_that_hidden_states_spread():
 
 def test_free_axes():
     """A gap that is declared not to depend on x1 is sampled in one cell along it and holds for all x1."""
-    from simgap.gap.sampling.samples import GapSamples
     from simgap.geometry import Grid
+    from tests.gap.fit_in_memory import GapSamples
 
     grid = Grid(X, [1, 60])
     x = np.broadcast_to(grid.centres()[:, None], (60, len(U), 2)) * [0.0, 1.0]

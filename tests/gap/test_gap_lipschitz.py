@@ -10,7 +10,7 @@ from simgap.errors import BrokenPromise, UserError
 from simgap.gap.fitting.bound_fit import check_resolved, fit_dimension
 from simgap.gap.lipschitz.estimates import dimension_lipschitz, fit_reverse_weibull, profile_upper, top_spacing_upper
 from simgap.gap.lipschitz.grid import DimensionLipschitz, GridLipschitz, estimate, roughness
-from simgap.gap.lipschitz.local import Beside, Fit, LocalPadding
+from simgap.gap.lipschitz.local import FitSlopes, LocalPadding, OffGrid
 from simgap.gap.sampling.borders import Borders
 from simgap.gap.sampling.samples import SampleGrid
 from simgap.gap.sampling.values import Held
@@ -172,7 +172,7 @@ def test_local_padding_does_not_trust_the_samples_of_the_fit():
     grid = Grid(X, [10, 10])
     target = Held(np.zeros((grid.size, 1)))
     curvature = np.array([[0.0, 0.0], [0.0, 400.0]])
-    pad, _ = LocalPadding(target, grid, (), 0.0).of_residual(Fit(target, lambda j: target, curvature))
+    pad, _ = LocalPadding(target, grid, (), 0.0).of_residual(FitSlopes(target, lambda j: target, curvature))
     assert pad.ends()[0] >= 0.5 * 400.0 * grid.h[1] ** 2 * (1 - 1e-12)
 
 
@@ -234,9 +234,9 @@ def test_local_paddings_in_pieces_are_the_same_bits(monkeypatch, tmp_path, jump)
     x, rng = grid.centres(), np.random.default_rng(8)
     t = np.sin(3.0 * x[:, [0]]) * rng.uniform(0.5, 1.5, 5) + jump * (x[:, [0]] > 0.3) * np.arange(5)
     slope = [Held(np.broadcast_to(s, t.shape)) for s in (3.0 * np.cos(3.0 * x[:, [0]]), np.full((1, 5), 0.2))]
-    fit = Fit(Held(np.sin(3.0 * x[:, [0]]) * np.ones(5)), slope.__getitem__, np.eye(2))
+    fit = FitSlopes(Held(np.sin(3.0 * x[:, [0]]) * np.ones(5)), slope.__getitem__, np.eye(2))
     at = Borders(x[[3, 40, 100]], np.array([[True, False], [False, True], [False, False]]), np.arange(3))
-    beside = Beside(np.array([3, 40, 100]), at, t[[3, 40, 100]])
+    beside = OffGrid(np.array([3, 40, 100]), at, t[[3, 40, 100]])
 
     def results(room):
         own = LocalPadding(Held(t), grid, (), 0.0, room)

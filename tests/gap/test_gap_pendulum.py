@@ -4,7 +4,7 @@ import pytest
 
 from simgap.gap.bases import Expressions
 from simgap.gap.fitting.acceptance import check_fresh
-from simgap.gap.fitting.fit import fit_gap
+from tests.gap.fit_in_memory import fit_gap
 from tests.gap.gap_examples import PAPER, gap_section, off_grid, on_grid, pendulum_gap
 
 pytest.importorskip("pybullet")

@@ -12,8 +12,8 @@ from simgap.gap.bases import Blocks, Expressions
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain, Tier, parts
 from simgap.gap.bounds.load import from_json
-from simgap.gap.fitting.fit import fit_gap
 from simgap.geometry import Box
+from tests.gap.fit_in_memory import fit_gap
 from tests.gap.gap_examples import gap_section, on_grid, smooth
 
 PI = np.pi

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from simgap.gap.bases import Blocks, Expressions
-from simgap.gap.fitting.fit import fit_gap
-from simgap.gap.sampling.samples import GapSamples
 from simgap.geometry import Grid
+from tests.gap.fit_in_memory import GapSamples, fit_gap
 from tests.gap.gap_examples import PAPER, U, X, gap_section
 
 GRID = Grid(X, [30, 30])

@@ -9,12 +9,12 @@ from simgap.errors import UserError
 from simgap.gap.bases import Blocks, Expressions
 from simgap.gap.fitting.bound_fit import assemble, fit_dimension, fit_from_json
 from simgap.gap.fitting.dimension_fit import Calibration
-from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.lipschitz.estimates import dimension_lipschitz
 from simgap.gap.lipschitz.grid import DimensionLipschitz
 from simgap.gap.sampling.points import Points, covering_point, cut, product, radius
 from simgap.gap.sampling.samples import check_rows
 from simgap.geometry import Grid
+from tests.gap.fit_in_memory import fit_gap
 from tests.gap.gap_examples import PAPER, U, X, gap_section, off_grid, on_grid, smooth
 
 SETTINGS = {

@@ -89,10 +89,10 @@ def test_the_swept_box_holds_the_whole_way(fitted):
     _, _, fit, _ = fitted
     fresh = random_sequences(U, 15, 30, np.random.default_rng(98))
     way, m = lag_paths(fresh).reshape(-1, 10, 3)[..., :2], fresh.reshape(-1)
-    assert (way >= fit.swept.lower[0, m, None]).all()
-    assert (way <= fit.swept.upper[0, m, None]).all()
-    assert (fit.swept.lower <= 0).all()
-    assert (fit.swept.upper >= 0).all()
+    assert (way >= fit.table.swept[0][0, m, None]).all()
+    assert (way <= fit.table.swept[1][0, m, None]).all()
+    assert (fit.table.swept[0] <= 0).all()
+    assert (fit.table.swept[1] >= 0).all()
 
 
 def test_it_is_wider_than_from_rest_and_says_what_was_added(fitted):
@@ -223,7 +223,7 @@ def test_a_directed_search_finds_what_random_sequences_do_not_and_the_margin_cov
     """A hull that is too narrow for one pair of inputs alone: random sequences pass, the search does not."""
     motion, classes, robot, hulls, influences = classed
     fit = assemble_hulls(robot, hulls, influences)
-    table = fit.table(motion)
+    table = fit.table
     assert search(table, lag_steps, U, 2, 300, np.random.default_rng(1)).outside == 0
     narrow = BoundTable(classes, motion, table.lower.copy(), table.upper.copy(), table.swept)
     middle = 0.5 * (table.lower[:, -1] + table.upper[:, -1])

@@ -9,7 +9,7 @@ import pytest
 WRITERS = {
     "recording": """
 with recording_file(path, "simgap", "full") as recording:
-    send(recording, "x", np.arange(1e5), np.random.default_rng(0).random(100_000))
+    plot(recording, "x", np.arange(1e5), np.random.default_rng(0).random(100_000), "#000000", 1.0)
 """,
     "table": """
 write_parquet(path, table({"x": np.random.default_rng(0).random(100_000)}, {}, {}, {}))
@@ -30,7 +30,7 @@ from simgap.cli import main
 from simgap.io.atomic import atomic
 from simgap.io.documents import write_json
 from simgap.io.parquet import table, write_parquet
-from simgap.io.rerun.recording import recording_file, send
+from simgap.io.rerun.recording import plot, recording_file
 from simgap.cli.commands import app
 path = Path(sys.argv[1])
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)

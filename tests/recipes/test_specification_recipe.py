@@ -10,9 +10,7 @@ from simgap.config.gap import GapSection, LipschitzSection
 from simgap.config.load import load_case
 from simgap.errors import UserError
 from simgap.gap.bases import Expressions
-from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.sampling.points import product
-from simgap.gap.sampling.samples import GapSamples
 from simgap.geometry import Grid
 from simgap.io.controller_file import load_controller
 from simgap.io.documents import read_json, write_json
@@ -24,6 +22,7 @@ from simgap.simulators.rollouts import roll_out
 from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
 from simgap.stages import synthesis, validation
+from tests.gap.fit_in_memory import GapSamples, fit_gap
 
 
 @pytest.fixture

@@ -5,9 +5,7 @@ import pytest
 
 from simgap.config.gap import GapSection, LipschitzSection
 from simgap.gap.bases import Expressions
-from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.sampling.points import product
-from simgap.gap.sampling.samples import GapSamples
 from simgap.geometry import Grid
 from simgap.io.documents import read_json, write_json
 from simgap.io.parquet import read_parquet
@@ -16,6 +14,7 @@ from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
 from simgap.stages import synthesis, validation
+from tests.gap.fit_in_memory import GapSamples, fit_gap
 
 OBSTACLE = {"x1": [-0.15, 0.0], "x2": [-0.4, 0.4]}
 TARGETS = {

@@ -12,8 +12,6 @@ from simgap.config.gap import GapSection, LipschitzSection
 from simgap.config.load import load_case
 from simgap.gap.bases import Expressions
 from simgap.gap.fitting.acceptance import check_fresh
-from simgap.gap.fitting.fit import fit_gap
-from simgap.gap.sampling.samples import GapSamples
 from simgap.geometry import Box, Grid
 from simgap.io.controller_file import save_controller
 from simgap.io.documents import write_json
@@ -21,6 +19,7 @@ from simgap.io.parquet import table, write_parquet
 from simgap.provenance import provenance
 from simgap.specifications.solution import Solution
 from simgap.synthesis.controller import Controller
+from tests.gap.fit_in_memory import GapSamples, fit_gap
 
 ROBOT = """
 name: robot

@@ -6,10 +6,10 @@ import numpy as np
 
 from simgap.gap.sampling.borders import CHECK, FIT, border_columns, border_states
 from simgap.gap.sampling.points import own_point, product, remembers, shard_count, successor_columns, units
+from simgap.io.parquet import table, write_parquet
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.stages import borders, gap, grid, lipschitz, rollouts, scp
-from simgap.stages.gap_inputs import write_columns
 
 
 def roll_out(case: Path, folder: Path, point: str | None = None) -> list[Path]:
@@ -26,7 +26,7 @@ def made_up(context: Context, path: Path, x, u, following, spread=None, stage="r
     """Roll-outs or fresh samples that no simulator made."""
     constants = {"case": context.case.name, "point": own_point(context.case), "engine": "made up"}
     columns = successor_columns(context.case, x, u, following, spread)
-    write_columns(path, columns, units(context.case), constants, provenance(stage, context.case, context.folder))
+    write_parquet(path, table(columns, units(context.case), constants, provenance(stage, context.case, context.folder)))
     return path
 
 
@@ -38,7 +38,7 @@ def made_up_borders(context: Context, path: Path, gap) -> Path:
     following = context.plant.sampled.step(x, u) + gap(x, u)
     columns = border_columns(context.case, states, context.input_set, following)
     record = provenance("borders", context.case, context.folder)
-    write_columns(path, columns, units(context.case), {}, record)
+    write_parquet(path, table(columns, units(context.case), {}, record))
     return path
 
 

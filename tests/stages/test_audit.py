@@ -21,7 +21,7 @@ from simgap.errors import BrokenPromise, UserError
 from simgap.gap.sampling.points import successor_columns, units
 from simgap.io.controller_file import load_controller, save_controller
 from simgap.io.documents import read_json, write_json
-from simgap.io.parquet import read_parquet, write_parquet
+from simgap.io.parquet import read_parquet, table, write_parquet
 from simgap.io.rerun.closed_loop import read_curves
 from simgap.io.shared_solution import SharedSolution, scratch_folder
 from simgap.plants.context import Context
@@ -29,7 +29,6 @@ from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
 from simgap.stages import audit, replay, synthesis
-from simgap.stages.gap_inputs import write_columns
 from tests.stages.test_sensing_stage import bound
 
 BUDGET = {"evaluations": 6000, "steps": 1500}
@@ -55,7 +54,7 @@ def made(root, tmp_path_factory):
     ((following, _),) = run_in_processes(roll_out, [(context.case, context.folder, x, u)])
     columns = successor_columns(context.case, x, u, following)
     record = provenance("fresh", context.case, context.folder)
-    write_columns(folder / "fresh.parquet", columns, units(context.case), {"case": "pendulum"}, record)
+    write_parquet(folder / "fresh.parquet", table(columns, units(context.case), {"case": "pendulum"}, record))
     return folder, context, (x, u, following)
 
 

@@ -9,8 +9,13 @@ import sympy as sp
 import yaml
 
 from simgap.errors import UserError
-from simgap.lint.equations import find_long_steps, find_mixed_units, find_wrong_dimensions, refuse_prefixes
-from simgap.model.dimensions import rate_mismatch
+from simgap.lint.equations import (
+    find_long_steps,
+    find_mixed_units,
+    find_wrong_dimensions,
+    rate_mismatch,
+    refuse_prefixes,
+)
 from simgap.plants.context import Context
 from simgap.units import dimension
 from tests.little_cart import CASE, write_cart

@@ -9,10 +9,11 @@ from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bounds.load import from_json
 from simgap.gap.sampling.points import Points, step_columns
 from simgap.io.documents import read_json
+from simgap.io.parquet import table, write_parquet
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.body_samples import REST, BodySamples
-from simgap.stages.gap_inputs import write_columns, write_points
+from simgap.stages.gap_inputs import write_points
 from tests.stages import road
 
 ROOT = Path(__file__).parents[2]
@@ -57,7 +58,7 @@ def write(context, path, parts, stage="rollouts"):
     tables = [step_columns(context.case, context.input_set, own) | {"part": np.full(len(own.m), name)}
               for name, own in parts.items()]  # fmt: skip
     record = provenance(stage, context.case, context.folder)
-    write_columns(path, {n: np.concatenate([t[n] for t in tables]) for n in tables[0]}, {}, {}, record)
+    write_parquet(path, table({n: np.concatenate([t[n] for t in tables]) for n in tables[0]}, {}, {}, record))
 
 
 @pytest.fixture

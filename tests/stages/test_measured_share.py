@@ -12,13 +12,12 @@ from simgap.config.gap import GapSection, LipschitzSection
 from simgap.config.load import load_case, parse_case
 from simgap.diagnosis.record.conditions import conditioned
 from simgap.gap.bases import Expressions
-from simgap.gap.fitting.fit import fit_gap
-from simgap.gap.sampling.samples import GapSamples
 from simgap.geometry import Grid
 from simgap.io.parquet import stack
 from simgap.plants.context import Context
 from simgap.plants.plant_model import PlantModel
 from simgap.report.measured_share import share_inside, transition_columns
+from tests.gap.fit_in_memory import GapSamples, fit_gap
 from tests.stages import diagnosis_example as example
 
 NOISE = {"q": 1e-3, "v": 1e-2}

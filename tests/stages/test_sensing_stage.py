@@ -14,9 +14,7 @@ from simgap.config.load import case_content
 from simgap.gap.bases import Expressions
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain
-from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.sampling.points import product
-from simgap.gap.sampling.samples import GapSamples
 from simgap.geometry import Box, Grid
 from simgap.io.controller_file import load_controller
 from simgap.io.documents import read_json, write_json
@@ -30,6 +28,7 @@ from simgap.specifications.space import Space
 from simgap.stages import synthesis, validation
 from simgap.stages.margins import margins_of
 from simgap.stages.validation import draw_starts
+from tests.gap.fit_in_memory import GapSamples, fit_gap
 from tests.synthesis.test_margins import check
 
 

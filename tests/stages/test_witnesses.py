@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
-from simgap.attack.histories import HistoryQuestion, search_histories
+from simgap.attack.histories import HistoryProblem, search_histories
 from simgap.attack.witness import Witness
 from simgap.config.load import case_content
 from simgap.gap.bounds.body_frame import BodyFrameGap
@@ -34,7 +34,7 @@ def test_a_history_outside_gamma_is_shown_again(root, tmp_path, order):
     gap = BodyFrameGap(domain, (Tier(2, "Narrow."),), -np.full((count, 3), 1e-3), np.full((count, 3), 1e-3), pose)
     robot = make_simulator(context.case, context.folder)
     try:
-        asked = HistoryQuestion.of(context, robot, gap, 2)
+        asked = HistoryProblem.of(context, robot, gap, 2)
         found = search_histories(asked, 40, np.random.default_rng(1), np.empty((0, 3), np.int64))
     finally:
         robot.close()

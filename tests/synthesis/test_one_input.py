@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from simgap.attack.law import Law
+from simgap.attack.law import ControlLaw
 from simgap.config.synthesis import SynthesisSection
 from simgap.errors import UserError
 from simgap.geometry import Box
@@ -72,7 +72,7 @@ def test_its_only_input_is_what_an_adversary_meets(both, tmp_path):
     shared = SharedSolution.of(both[1].solution, tmp_path).read()
     assert isinstance(shared.chosen, np.memmap)
     x = np.random.default_rng(0).uniform(ROBOT.box.lo, ROBOT.box.hi, (500, 3))
-    options = Law(shared, INPUTS, np.zeros(3)).options(x, np.zeros(500, np.int64))
+    options = ControlLaw(shared, INPUTS, np.zeros(3)).options(x, np.zeros(500, np.int64))
     chosen = both[0].lookup(x)
     assert np.array_equal(options.inputs, (np.arange(len(INPUTS)) == chosen[:, None]) & (chosen >= 0)[:, None])
 

@@ -19,7 +19,7 @@ from simgap.gap.bounds.cells import CellGap
 from simgap.gap.fitting.dimension_fit import BoundInputs, DimensionFit, Sides, directed_words, guarantee
 from simgap.gap.fitting.padding import estimated_padding, local_padding
 from simgap.gap.lipschitz.grid import DimensionLipschitz
-from simgap.gap.lipschitz.local import Beside
+from simgap.gap.lipschitz.local import OffGrid
 from simgap.gap.sampling.borders import Directed
 from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
 from simgap.gap.sampling.values import Combined, Joined, Values
@@ -103,7 +103,7 @@ class BlockFit(
 def _beside(samples: DimensionSamples, directed: Directed, settings: GapSection, up: bool) -> tuple[Floats, float]:
     """(E, M) target of a side beside the grid, padded along its surface with `inflate`; the factor of `SideFit`."""
     target, at = samples.side(up), directed.side(up)
-    beside = Beside.of(directed, samples.where.grid, at)
+    beside = OffGrid.of(directed, samples.where.grid, at)
     along, across = estimated_padding(samples, up).along(beside)
     factor = float(((at - target[beside.cells]) / np.maximum(across, samples.floor)).max())
     return at + (along if settings.padding == "inflate" else 0.0), max(factor, 0.0)
@@ -214,7 +214,7 @@ def _raised(
     place = [np.clip(np.searchsorted(e, own.x[:, j], side="right") - 1, 0, len(e) - 2) for j, e in enumerate(edges)]
     cell = np.ravel_multi_index(tuple(place), tuple(len(n) for n in nodes))
     far = np.abs(own.x - np.stack([n[k] for n, k in zip(nodes, place, strict=True)], axis=1)) @ slopes
-    beside, along = Beside(cell, own.at, target), np.where(own.at.fixed, 0.0, where.moving_half_widths) @ slopes
+    beside, along = OffGrid(cell, own.at, target), np.where(own.at.fixed, 0.0, where.moving_half_widths) @ slopes
     steeper = np.zeros(target.shape)  # than the envelope is, along the surface
     for j, h in enumerate(where.moving_half_widths):
         steeper += np.where(own.at.fixed[:, [j]], 0.0, np.maximum(beside.moved(j, float(h)) - slopes[j] * h, 0.0))

@@ -30,7 +30,7 @@ from simgap.gap.bounds.basis import Form
 from simgap.gap.fitting.scenario import Design, ScenarioResult, solve_scenario
 from simgap.gap.json_record import JsonRecord
 from simgap.gap.lipschitz.grid import GridLipschitz
-from simgap.gap.lipschitz.local import Beside, EnclosedPadding, Fit, LocalPadding
+from simgap.gap.lipschitz.local import EnclosedPadding, FitSlopes, LocalPadding, OffGrid
 from simgap.gap.sampling.borders import Directed
 from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
 from simgap.gap.sampling.values import Centres, Combined, Joined, Values, largest_of
@@ -160,10 +160,10 @@ class SideProblem:
             return self.targets
         return [Joined(*pair) for pair in zip(self.targets, self.beside_targets, strict=True)]
 
-    def fit(self, q: Floats) -> Fit:
+    def fit(self, q: Floats) -> FitSlopes:
         """q.p at the samples of the grid, as a padding needs it."""
         design, form = replace(self.design, x=Centres(self.samples.where.grid)), with_coefficients(self.blank, q)
-        return Fit(design.product(q), lambda j: design.slope(q, j), form.hessian_bound)
+        return FitSlopes(design.product(q), lambda j: design.slope(q, j), form.hessian_bound)
 
 
 def estimated_padding(samples: DimensionSamples, upper: bool) -> LocalPadding:
@@ -212,7 +212,7 @@ def _shortfall(problem: SideProblem, directed: Directed, settings: GapSection, f
     there = Design.of(problem.design.basis, directed.x, problem.design.u).product(q).whole()
     short, factor = -np.inf, 0.0
     for up, at, target in zip(problem.sides, problem.beside_targets, problem.targets, strict=True):
-        beside = Beside.of(directed, samples.where.grid, at - there)
+        beside = OffGrid.of(directed, samples.where.grid, at - there)
         along, across = estimated_padding(samples, up).along(beside, known)
         needed = at + (along if settings.padding == "inflate" else 0.0)
         short = max(short, float((needed - there).max()) - fit.missing - numerical(form, samples.floor))
@@ -238,7 +238,7 @@ def _inflate(problem: SideProblem, settings: GapSection) -> SideFit:
         if samples.beside is not None and problem.is_joined:
             there = values[samples.where.grid.size : problem.design.shape[0]]
             for k, (up, at) in enumerate(zip(problem.sides, problem.beside_targets, strict=True)):
-                beside = Beside.of(samples.beside, samples.where.grid, at - there)
+                beside = OffGrid.of(samples.beside, samples.where.grid, at - there)
                 every[k] = Joined(every[k], estimated_padding(samples, up).along(beside, known)[0])
         padded = largest_of(tuple(Combined(np.add, pair) for pair in zip(targets, every, strict=True)))
         missing = Combined(np.subtract, (padded, values)).ends()[1]

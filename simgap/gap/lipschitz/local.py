@@ -40,7 +40,7 @@ from simgap.geometry import Grid
 
 
 @dataclass(frozen=True, eq=False)
-class Beside:
+class OffGrid:
     """Samples beside the grid: their cells (E,), where they lie (E states), and the residual t - q.p there, (E, M)."""
 
     cells: Ints
@@ -48,9 +48,9 @@ class Beside:
     residual: Floats
 
     @staticmethod
-    def of(directed: Directed, grid: Grid, residual: Floats) -> Beside:
+    def of(directed: Directed, grid: Grid, residual: Floats) -> OffGrid:
         """Samples beside this grid, with the residual there."""
-        return Beside(grid.index(directed.x), directed.at, residual)
+        return OffGrid(grid.index(directed.x), directed.at, residual)
 
     def moved(self, j: int, h: float) -> Floats:
         """How far the residual may move along axis j within h on its own sheet, by its own neighbours there: (E, M).
@@ -69,7 +69,7 @@ class Beside:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class FitSlopes:
     """q.p at the samples (N, M), its slopes there by axis, and H (nx, nx) >= its second derivatives anywhere."""
 
     values: Values
@@ -106,11 +106,11 @@ class LocalPadding:
         """Padding of t itself (q = 0): (N, M), and the share of rough cells."""
         return self._padding(None)
 
-    def of_residual(self, fit: Fit) -> tuple[Values, float]:
+    def of_residual(self, fit: FitSlopes) -> tuple[Values, float]:
         """Padding of t - q.p: (N, M), and the share of rough cells."""
         return self._padding(fit)
 
-    def along(self, beside: Beside, fit: Fit | None = None) -> tuple[Floats, Floats]:
+    def along(self, beside: OffGrid, fit: FitSlopes | None = None) -> tuple[Floats, Floats]:
         """How far t - q.p may move from samples beside the grid: -> along their surface, across it; (E, M) each.
 
         Along the surface they stand for half a cell on either side, by the slopes of the grid and by their own. What
@@ -133,11 +133,11 @@ class LocalPadding:
             held = held + np.where(fixed, own, 0.0)
         return moved + bend, held + bend
 
-    def _bend(self, fit: Fit | None) -> float:
+    def _bend(self, fit: FitSlopes | None) -> float:
         moving = np.array([h if j in self.axes else 0.0 for j, h in enumerate(self.grid.h)])
         return 0.5 * float(moving @ fit.curvature @ moving) if fit is not None and fit.curvature.size else 0.0
 
-    def _padding(self, fit: Fit | None) -> tuple[Values, float]:
+    def _padding(self, fit: FitSlopes | None) -> tuple[Values, float]:
         bend, pad, marked, usual = self._bend(fit), self.room(self.target.shape), 0, 0.0
         rough = [self._rough]
         if fit is not None:  # t has the jumps on samples
@@ -157,7 +157,7 @@ class LocalPadding:
             self._raise(pad, fit, rough, usual)
         return pad, marked / self.target.size
 
-    def _raise(self, pad: Kept, fit: Fit | None, rough: list[Roughness], usual: float) -> None:
+    def _raise(self, pad: Kept, fit: FitSlopes | None, rough: list[Roughness], usual: float) -> None:
         """Where the grid does not resolve t or e, at least to what the neighbours have."""
         bend = self._bend(fit)
         for slab in self._slabs():
@@ -183,7 +183,7 @@ def _rows(slab: Slab, target: Values) -> Floats:
 class _Read:
     """A target and its fit on one slab."""
 
-    def __init__(self, slab: Slab, padding: LocalPadding, fit: Fit | None) -> None:
+    def __init__(self, slab: Slab, padding: LocalPadding, fit: FitSlopes | None) -> None:
         self.slab, self.padding, self.fit = slab, padding, fit
         self.field = slab.read(padding.target)
         self.size = _rows(slab, padding.target).size // padding.target.shape[1]
@@ -249,9 +249,9 @@ class EnclosedPadding:
     def of_target(self) -> tuple[Values, float]:
         """Padding of t itself (q = 0): (N, M), and 0, the share of cells whose padding is no bound."""
         none = Held(np.zeros(self.target.shape))
-        return self.of_residual(Fit(none, lambda j: none, np.zeros((0, 0))))
+        return self.of_residual(FitSlopes(none, lambda j: none, np.zeros((0, 0))))
 
-    def of_residual(self, fit: Fit) -> tuple[Values, float]:
+    def of_residual(self, fit: FitSlopes) -> tuple[Values, float]:
         """Padding of t - q.p: (N, M), and 0."""
         known, r, curvature, target = self.ranges, self.ranges.reach, fit.curvature, self.target.whole()
         sign, top, centre = (1.0, known.hi, known.centre_hi) if self.upper else (-1.0, -known.lo, -known.centre_lo)

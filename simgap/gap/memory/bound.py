@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from simgap.gap.bounds.previous import PreviousClasses
 from simgap.gap.fitting.acceptance import FreshCheck, check_sequences, confirmed, tolerate
 from simgap.gap.memory.fit import HistoryInfluence, HullFit
 from simgap.gap.memory.hidden_state import TOP, check_fading, tolerance_of
-from simgap.gap.memory.search import BoundTable, Searched, search
+from simgap.gap.memory.search import BoundTable, HistorySearch, search
 from simgap.gap.sampling.points import Columns, Points, body_samples
 from simgap.gap.sampling.samples import previous_classes, read_back
 from simgap.gap.sampling.symmetry import SymmetryDeviation
@@ -29,15 +29,7 @@ from simgap.simulators.body_samples import REST
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import last_steps_of
 
-Attack = Callable[[BoundTable], Searched]
-
-
-@dataclass(frozen=True, eq=False)
-class SweptBoxes:
-    """Box in the robot's frame that holds the whole path of one step, the start included: lower, upper (C, M, 2)."""
-
-    lower: Floats
-    upper: Floats
+Attack = Callable[[BoundTable], HistorySearch]
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,25 +55,21 @@ class HiddenStateFit:
     """The bound with what it rests on.
 
     Attributes:
-        gap, swept: see there; largest: (3,) largest sampled body-frame gap over the grid of previous inputs.
+        gap: for the controller. table: the same with the swept boxes, as a search attacks it.
+        largest: (3,) largest sampled body-frame gap over the grid of previous inputs.
         excess: (3,) largest excess of a random sequence over that hull; margin: (3,) what was added, by extrapolation.
         memory: (L, 3) largest influence on the pose of all inputs more than 1, 2, ..., L samples back.
         deviation: between headings. searched: the directed search on the hull; None without one.
     """
 
     gap: BodyFrameGap
-    swept: SweptBoxes
+    table: BoundTable
     largest: Floats
     excess: Floats
     margin: Floats
     memory: Floats
     deviation: SymmetryDeviation
-    searched: Searched | None = None
-
-    def table(self, motion: Floats) -> BoundTable:
-        """The bound as a search attacks it; `motion` (M, 3) is the nominal step."""
-        swept = self.swept.lower, self.swept.upper
-        return BoundTable(self.gap.classes, motion, self.gap.class_lower, self.gap.class_upper, swept, self.gap.pose)
+    searched: HistorySearch | None = None
 
 
 def assemble_hulls(
@@ -107,20 +95,21 @@ def assemble_hulls(
     lo, hi = (np.stack([getattr(own, side) for own in swept], axis=-1) for side in ("lower", "upper"))
     excess, margin = (np.array([getattr(h.gap, name) for h in hulls]) for name in ("excess", "margin"))
     path_margin = np.array([own.margin for own in swept])
-    searched = attack(BoundTable(robot.classes, robot.motion, lower, upper, (lo, hi), pose)) if attack else None
+    hull = BoundTable(robot.classes, robot.motion, lower, upper, (lo, hi), pose)
+    searched = attack(hull) if attack else None
     if searched is not None:
         excess = np.maximum(excess, searched.excess[:3])
         margin, path_margin = np.maximum(margin, searched.margin[:3]), np.maximum(path_margin, searched.margin[3:])
     raised = margin + deviation.largest
     tiers = _widening_tier(states, hulls[0], memory, excess, margin, searched), deviation.tier(states)
-    gap = BodyFrameGap.of_classes(robot.domain, tiers, lower - raised, upper + raised, robot.classes, pose)
     added = path_margin + (float(np.max(deviation.largest[list(pose[:2])])) + robot.between_poses)
-    boxes = SweptBoxes(lo - added, hi + added)
-    return HiddenStateFit(gap, boxes, largest, excess, margin, memory, deviation, searched)
+    table = replace(hull, lower=lower - raised, upper=upper + raised, swept=(lo - added, hi + added))
+    gap = BodyFrameGap.of_classes(robot.domain, tiers, table.lower, table.upper, robot.classes, pose)
+    return HiddenStateFit(gap, table, largest, excess, margin, memory, deviation, searched)
 
 
 def _widening_tier(
-    states: Sequence[str], fit: HullFit, memory: Floats, excess: Floats, margin: Floats, searched: Searched | None
+    states: Sequence[str], fit: HullFit, memory: Floats, excess: Floats, margin: Floats, searched: HistorySearch | None
 ) -> Tier:
     def named(values: Floats) -> str:
         return ", ".join(f"{v:.2g} for {s}" for s, v in zip(states, values, strict=True))
@@ -160,9 +149,9 @@ def hidden_bound(
     deviation.check(context.states, tolerance_of(context.states, symmetry.tolerance))
     attack = partial(_attack, context, hidden, hidden.search_seed) if hidden.search else None
     fit = assemble_hulls(robot_of(context, hidden, motion), hulls, influences, attack)
-    check = _check(context, fit, motion, fresh)
+    check = _check(context, fit, fresh)
     tolerate(check, hidden.tolerated_probability, LONGER)
-    again = _attack(context, hidden, hidden.search_seed + 1, fit.table(motion)) if hidden.search else None
+    again = _attack(context, hidden, hidden.search_seed + 1, fit.table) if hidden.search else None
     if again is not None and again.outside and hidden.tolerated_probability == 0.0:
         raise BrokenPromise(
             f"a directed search breaks the bound: {again.outside} of {again.evaluations} steps lie outside, the worst "
@@ -184,7 +173,7 @@ def robot_of(context: Context, hidden: HiddenStateSection, motion: Floats) -> Ro
     return Robot(domain, motion, between, hidden.growth, previous_classes(context), pose)
 
 
-def _attack(context: Context, hidden: HiddenStateSection, seed: int, table: BoundTable) -> Searched:
+def _attack(context: Context, hidden: HiddenStateSection, seed: int, table: BoundTable) -> HistorySearch:
     job = context.case, context.folder, table, context.input_set, hidden.search_length, hidden.search, seed
     (found,) = run_in_processes(search_in_engine, [job])
     return found
@@ -192,13 +181,13 @@ def _attack(context: Context, hidden: HiddenStateSection, seed: int, table: Boun
 
 def search_in_engine(
     case: Case, folder: Path, table: BoundTable, inputs: Floats, length: int, budget: int, seed: int
-) -> Searched:
+) -> HistorySearch:
     """Run in the engine's process; see `hidden_search.search`."""
     with last_steps_of(case, folder, inputs) as steps:
         return search(table, steps, inputs, length, budget, np.random.default_rng(seed))
 
 
-def _check(context: Context, fit: HiddenStateFit, motion: Floats, fresh: Columns) -> FreshCheck:
+def _check(context: Context, fit: HiddenStateFit, fresh: Columns) -> FreshCheck:
     """Fresh sequences against the bound after their previous inputs, in the robot's frame, and against swept boxes.
 
     A sequence with any step outside counts as one failure: sequences are independent, their steps are not.
@@ -210,17 +199,17 @@ def _check(context: Context, fit: HiddenStateFit, motion: Floats, fresh: Columns
     begins = np.flatnonzero(samples.previous == REST)
     if len(begins) == 0 or begins[0] != 0:
         raise UserError("the fresh samples are not made of whole sequences", remedy="Run the stage fresh again.")
-    excess = fit.table(motion).excess(samples)
+    excess = fit.table.excess(samples)
     return check_sequences(excess[:, :3], excess[:, 3:].max(axis=1), begins, context.states)
 
 
 def _content(
-    context: Context, fit: HiddenStateFit, check: FreshCheck, again: Searched | None, previous: int, rolled: int
+    context: Context, fit: HiddenStateFit, check: FreshCheck, again: HistorySearch | None, previous: int, rolled: int
 ) -> dict[str, Any]:
     hidden = context.need(context.case.hidden_state, "hidden_state")
     tried = [] if again is None else [_attacked(again)]
     function = fit.gap.with_tiers([*confirmed(fit.gap.tiers, check), *tried, check.tier])
-    lower, upper = fit.gap.class_lower, fit.gap.class_upper
+    (lower, upper), swept = (fit.table.lower, fit.table.upper), fit.table.swept
     size, width = np.maximum(np.abs(lower), np.abs(upper)), upper - lower
     suprema = function.sup()
     dimensions = [
@@ -238,8 +227,8 @@ def _content(
     ]
     return {
         **function.to_json(),
-        "swept_boxes": {"lower": fit.swept.lower.min(axis=0), "upper": fit.swept.upper.max(axis=0)},
-        "swept_boxes_by_class": {"lower": fit.swept.lower, "upper": fit.swept.upper},
+        "swept_boxes": {"lower": swept[0].min(axis=0), "upper": swept[1].max(axis=0)},
+        "swept_boxes_by_class": {"lower": swept[0], "upper": swept[1]},
         "samples": rolled,
         "dimensions": dimensions,
         "memory": fit.memory,
@@ -259,7 +248,7 @@ def _content(
     }
 
 
-def _attacked(again: Searched) -> Tier:
+def _attacked(again: HistorySearch) -> Tier:
     return Tier(
         3,
         f"A directed search with a seed of its own tried to break the bound in {again.evaluations:,} steps over "

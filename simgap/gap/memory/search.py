@@ -22,7 +22,7 @@ PATIENCE = 12  # rounds without a better score after which a lineage starts anew
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class TriedSequences:
     """Every sequence that was tried, the worst first.
 
     Attributes:
@@ -38,9 +38,9 @@ class Found:
         """Number of sequences that were tried."""
         return len(self.scores)
 
-    def worst(self, count: int) -> Found:
+    def worst(self, count: int) -> TriedSequences:
         """The first `count`."""
-        return Found(self.values[:count], self.headings[:count], self.scores[:count])
+        return TriedSequences(self.values[:count], self.headings[:count], self.scores[:count])
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def _other(value: int, count: int, rng: np.random.Generator) -> int:
 def directed_search(
     objective: Objective, space: Histories, budget: int, rng: np.random.Generator, lineages: int = 16,
     seeds: tuple[Ints, Floats] | None = None,
-) -> Found:  # fmt: skip
+) -> TriedSequences:  # fmt: skip
     """Search with `budget` evaluations, a quarter of them on the random draw.
 
     Args:
@@ -101,9 +101,9 @@ def directed_search(
     if seeds is not None:
         values, headings = np.concatenate([seeds[0], values]), np.concatenate([seeds[1], headings])
     values, headings = values[:budget], headings[:budget]
-    tried = [Found(values, headings, np.asarray(objective(values, headings), dtype=np.float64))]
+    tried = [TriedSequences(values, headings, np.asarray(objective(values, headings), dtype=np.float64))]
     first = np.argsort(-tried[0].scores, kind="stable")[:lineages]
-    here = Found(values[first], headings[first], tried[0].scores[first])
+    here = TriedSequences(values[first], headings[first], tried[0].scores[first])
     idle, left = np.zeros(len(first), np.int64), budget - len(values)
     while left > 0:
         trial = space.moved(here.values, here.headings, rng)
@@ -112,12 +112,12 @@ def directed_search(
         values = np.where(anew[:, None, None], drawn[0], trial[0])[:left]
         headings = np.where(anew, drawn[1], trial[1])[:left]
         scores = np.asarray(objective(values, headings), dtype=np.float64)
-        tried.append(Found(values, headings, scores))
+        tried.append(TriedSequences(values, headings, scores))
         left -= len(values)
         if len(values) < len(idle):
             break
         better = (scores > here.scores) | anew
-        here = Found(
+        here = TriedSequences(
             np.where(better[:, None, None], values, here.values),
             np.where(better, headings, here.headings),
             np.where(better, scores, here.scores),
@@ -126,11 +126,11 @@ def directed_search(
     return _sorted(tried)
 
 
-def _sorted(tried: list[Found]) -> Found:
+def _sorted(tried: list[TriedSequences]) -> TriedSequences:
     values, headings = np.concatenate([f.values for f in tried]), np.concatenate([f.headings for f in tried])
     scores = np.concatenate([f.scores for f in tried])
     order = np.argsort(-scores, kind="stable")
-    return Found(values[order], headings[order], scores[order])
+    return TriedSequences(values[order], headings[order], scores[order])
 
 
 Steps = Callable[[Ints, Floats], BodySamples]
@@ -171,7 +171,7 @@ class BoundTable:
 
 
 @dataclass(frozen=True, eq=False)
-class Searched(JsonRecord):
+class HistorySearch(JsonRecord):
     """Result of the search.
 
     Attributes:
@@ -189,7 +189,7 @@ class Searched(JsonRecord):
 
 def search(
     table: BoundTable, steps: Steps, inputs: Floats, length: int, budget: int, rng: np.random.Generator
-) -> Searched:
+) -> HistorySearch:
     """Attack a bound with `budget` steps, each after `length` inputs from rest, at headings of the search's choice."""
     grid = InputGrid.of(inputs)
     tried: list[BodySamples] = []
@@ -202,10 +202,10 @@ def search(
     excess = table.excess(joined(tried))
     beyond = np.maximum(excess, 0.0)
     margin = np.array([extrapolated_maximum(own, COORDINATES) for own in beyond.T])
-    return Searched(beyond.max(axis=0), margin, len(excess), int((excess > 0).any(axis=1).sum()),
+    return HistorySearch(beyond.max(axis=0), margin, len(excess), int((excess > 0).any(axis=1).sum()),
                     _worst(found.worst(5), grid))  # fmt: skip
 
 
-def _worst(found: Found, grid: InputGrid) -> list[dict[str, Any]]:
+def _worst(found: TriedSequences, grid: InputGrid) -> list[dict[str, Any]]:
     rows = zip(grid.numbers(found.values), found.headings.tolist(), found.scores.tolist(), strict=True)
     return [{"inputs": grid.inputs[n].tolist(), "heading": heading, "score": score} for n, heading, score in rows]

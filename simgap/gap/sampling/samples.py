@@ -30,7 +30,7 @@ from simgap.gap.sampling.points import (
     stacked,
     successors,
 )
-from simgap.gap.sampling.values import Centres, Combined, Held, Room, Values, check_numbers, values
+from simgap.gap.sampling.values import Centres, Combined, Held, Room, Values, check_numbers
 from simgap.geometry import Grid
 from simgap.plants.context import Context, pose_axes
 from simgap.simulators.body_samples import BodySamples, joined
@@ -154,48 +154,6 @@ class DimensionSamples:
     def largest(self) -> float:
         """Largest sampled |d|."""
         return max(abs(end) for own in self.ends for end in own.ends())
-
-
-@dataclass(frozen=True, eq=False)
-class GapSamples:
-    """The signed gap d = simulator - nominal at the cell centres of `grid` for every input.
-
-    Attributes:
-        grid, inputs, states, input_names, free, periodic: see `SampleGrid`.
-        d: (N, M, nx). d_upper: the same shape where hidden states of the simulator spread the gap
-            (then [d, d_upper] is its range), else None. known: see `SampleGrid`.
-        directed: for each dimension, samples beside those of the grid; none if empty.
-
-    Raises:
-        UserError: for shapes that do not fit or values that are not finite.
-    """
-
-    grid: Grid
-    inputs: Floats
-    d: Floats
-    states: tuple[str, ...]
-    input_names: tuple[str, ...]
-    d_upper: Floats | None = None
-    free: tuple[int, ...] = ()
-    periodic: tuple[int, ...] = ()
-    directed: tuple[Directed, ...] = ()
-    known: ClosedFormGap | None = None
-
-    def __post_init__(self) -> None:
-        shape = (self.grid.size, len(self.inputs), self.grid.box.size)
-        check_numbers(shape, {"d": self.d, "d_upper": self.d_upper})
-
-    @cached_property
-    def where(self) -> SampleGrid:
-        """The samples without their values."""
-        names = self.states, self.input_names
-        return SampleGrid(self.grid, self.inputs, *names, self.free, self.periodic, self.known)
-
-    def dimension(self, i: int) -> DimensionSamples:
-        """The samples of one dimension."""
-        upper = None if self.d_upper is None else values(self.d_upper[:, :, i])
-        beside = self.directed[i] if self.directed else None
-        return DimensionSamples(self.where, i, values(self.d[:, :, i]), upper, beside)
 
 
 T = TypeVar("T")

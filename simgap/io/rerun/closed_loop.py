@@ -33,11 +33,10 @@ from simgap.io.rerun.recording import (
     PlanarScene,
     curves,
     finite,
-    line,
+    plot,
     recording_file,
     rgb,
     root,
-    send,
     share_of_bound,
 )
 from simgap.io.rerun.scene import log_scene, robot_name, stance, viewed
@@ -55,8 +54,7 @@ def write_recording(path: Path, content: Content) -> None:
         recording.log("about", rr.TextDocument(content.about, media_type="text/markdown"), static=True)
         for trace in content.traces:
             for entity, t, values in curves(trace, content.states, content.inputs):
-                _style(recording, entity, trace)
-                send(recording, entity, t, values)
+                plot(recording, entity, t, values, *_look(entity, trace))
         for controller, trace in content.shown.items():
             _log_shown(recording, content, controller, trace)
         _log_limits(recording, content)
@@ -64,15 +62,15 @@ def write_recording(path: Path, content: Content) -> None:
         log_scene(recording, content)
 
 
-def _style(recording: Any, entity: str, trace: Trace) -> None:
+def _look(entity: str, trace: Trace) -> tuple[str, float, str]:
+    """Colour, width and name of a curve of a run."""
     colour = COLOURS[trace.controller] if trace.plant == SIMULATOR else style.GREY
     plant = "simulator" if trace.plant == SIMULATOR else "model"
     last = entity.rsplit("/", 1)[-1]
     if last in ("lower", "upper"):
-        line(recording, entity, style.ORANGE, 1.5, f"{TITLES[trace.controller]}, {last} bound")
-    else:
-        width = 3.5 if last == "actual" else 2.0 if plant == "simulator" else 1.3
-        line(recording, entity, colour, width, f"{TITLES[trace.controller]}, {plant}")
+        return style.ORANGE, 1.5, f"{TITLES[trace.controller]}, {last} bound"
+    width = 3.5 if last == "actual" else 2.0 if plant == "simulator" else 1.3
+    return colour, width, f"{TITLES[trace.controller]}, {plant}"
 
 
 def _log_shown(recording: Any, content: Content, controller: str, trace: Trace) -> None:
@@ -81,14 +79,12 @@ def _log_shown(recording: Any, content: Content, controller: str, trace: Trace) 
 
     share = share_of_bound(trace)
     for j, name in enumerate(content.states):
-        entity, t, values = finite(f"shown/{controller}/share/{name}", trace.t, share[:, j])
-        line(recording, entity, SERIES[j % len(SERIES)][0], 2.0, name)
-        send(recording, entity, t, values)
+        curve = finite(f"shown/{controller}/share/{name}", trace.t, share[:, j])
+        plot(recording, *curve, SERIES[j % len(SERIES)][0], 2.0)
     policy = content.controllers[controller]
     if policy.solution.value is not None:
-        line(recording, f"shown/{controller}/value", COLOURS[controller], 2.0, TITLES[controller])
-        t, steps = steps_to_target(policy, trace)
-        send(recording, f"shown/{controller}/value", t, steps)
+        steps = steps_to_target(policy, trace)
+        plot(recording, f"shown/{controller}/value", *steps, COLOURS[controller], 2.0, TITLES[controller])
     for when, text, level in events(content, controller, trace):
         recording.set_time(TIMELINE, duration=when)
         recording.log(f"shown/{controller}/events", rr.TextLog(text, level=level))
@@ -133,11 +129,10 @@ def _log_limits(recording: Any, content: Content) -> None:
     for j, name in enumerate(content.states):
         for side, value in (("lowest", content.safe.lo[j]), ("highest", content.safe.hi[j])):
             if np.isfinite(value):
-                line(recording, f"safe_set/{name}/{side}", style.GREEN, 1.5, f"safe set, {side}")
-                send(recording, f"safe_set/{name}/{side}", ends, np.full(2, value))
+                limit, named = np.full(2, value), f"safe set, {side}"
+                plot(recording, f"safe_set/{name}/{side}", ends, limit, style.GREEN, 1.5, named)
     for side, value in (("lower", -1.0), ("upper", 1.0)):
-        line(recording, f"bound/{side}", style.ORANGE, 1.5, f"{side} bound")
-        send(recording, f"bound/{side}", ends, np.full(2, value))
+        plot(recording, f"bound/{side}", ends, np.full(2, value), style.ORANGE, 1.5, f"{side} bound")
 
 
 PIXELS = 800  # along the longer side, at least
@@ -280,10 +275,7 @@ def write_witness(
         if measured is not None:
             every += [finite(f"{root(trace)}/measured/{n}", trace.t, measured[:, j]) for j, n in enumerate(states)]
         for entity, t, values in every:
-            name = entity.rsplit("/", 1)[-1]
-            colour, width = _LOOK.get(name, (style.BLACK, 2.0))
-            line(recording, entity, colour, width, name)
-            send(recording, entity, t, values)
+            plot(recording, entity, t, values, *_LOOK.get(entity.rsplit("/", 1)[-1], (style.BLACK, 2.0)))
 
 
 def blueprint(content: Content) -> Any:

@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from simgap.arrays import Floats
 from simgap.diagnosis.result import WindowPrediction
 from simgap.io import figure_style as style
 from simgap.io.pages import text
-from simgap.io.rerun.recording import line, recording_file, send
+from simgap.io.rerun.recording import plot, recording_file
 from simgap.notation import axis_label, printable
 
 _LINES = (("measured", style.MEASURED_IN_A_VIEWER, 1.5), ("before", style.BEFORE, 3.0), ("after", style.AFTER, 3.0))
@@ -61,20 +60,15 @@ def _log_trace(
     columns = {side: np.concatenate([getattr(w, side) for w in windows]) for side in ("measured", "before", "after")}
     u = np.concatenate([w.inputs for w in windows])
     held = np.concatenate([np.full(w.t.size, float(w.held_out)) for w in windows])
-    _send(recording, f"{root}/never_fitted", t, held, style.YELLOW, 2.5)
+    plot(recording, f"{root}/never_fitted", t, held, style.YELLOW, 2.5)
     for k, state in enumerate(measured):
         for side, colour, width in _LINES:
-            _send(recording, f"{root}/{state}/{side}", t, columns[side][:, k], colour, width)
+            plot(recording, f"{root}/{state}/{side}", t, columns[side][:, k], colour, width)
         for side, colour, width in _LINES[1:]:
             residual = columns["measured"][:, k] - columns[side][:, k]
-            _send(recording, f"{root}/residual/{state}/{side}", t, residual, colour, width)
+            plot(recording, f"{root}/residual/{state}/{side}", t, residual, colour, width)
     for j, name in enumerate(inputs):
-        _send(recording, f"{root}/input/{name}", t, u[:, j], style.GREEN, 1.5)
-
-
-def _send(recording: Any, entity: str, t: Floats, values: Floats, colour: str, width: float) -> None:
-    line(recording, entity, colour, width, entity.rsplit("/", 1)[-1])
-    send(recording, entity, t, values)
+        plot(recording, f"{root}/input/{name}", t, u[:, j], style.GREEN, 1.5)
 
 
 def _blueprint(traces: Sequence[str], measured: Sequence[str], inputs: Sequence[str], units: Mapping[str, str]) -> Any:

@@ -95,24 +95,21 @@ def share_of_bound(trace: Trace) -> Floats:
 TIMELINE = "sim_time"
 
 
-def send(recording: Any, entity: str, t: Floats, values: Floats) -> None:
-    """Log scalars (n,) over `sim_time`, (n,) in s."""
-    import rerun as rr
-
-    if len(t):
-        recording.send_columns(entity, [rr.TimeColumn(TIMELINE, duration=t)], rr.Scalars.columns(scalars=values))
-
-
 def rgb(colour: str, alpha: int = 255) -> list[int]:
     """'#0072B2' -> [0, 114, 178, alpha]."""
     return [*(int(colour[k : k + 2], 16) for k in (1, 3, 5)), alpha]
 
 
-def line(recording: Any, entity: str, colour: str, width: float, name: str) -> None:
-    """How a curve is drawn."""
+def plot(
+    recording: Any, entity: str, t: Floats, values: Floats, colour: str, width: float, name: str | None = None
+) -> None:
+    """A curve over simulated time: t (n,) s, values (n,); called like the end of its entity if it has no other name."""
     import rerun as rr
 
-    recording.log(entity, rr.SeriesLines(colors=rgb(colour), widths=width, names=name), static=True)
+    look = rr.SeriesLines(colors=rgb(colour), widths=width, names=name or entity.rsplit("/", 1)[-1])
+    recording.log(entity, look, static=True)
+    if len(t):
+        recording.send_columns(entity, [rr.TimeColumn(TIMELINE, duration=t)], rr.Scalars.columns(scalars=values))
 
 
 @contextmanager

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simgap.arrays import Bools
 from simgap.late import njit
@@ -24,12 +23,11 @@ from simgap.synthesis.abstraction.cells import (
     table_size,
 )
 from simgap.synthesis.games.threads import over_rows
-
-Bytes = NDArray[np.uint8]
+from simgap.synthesis.input_sets import Bytes
 
 
 @dataclass(frozen=True, eq=False)
-class Invariance:
+class InvariantSet:
     """Result of the greatest fixed point.
 
     Attributes:
@@ -45,7 +43,7 @@ class Invariance:
     passes: int
 
 
-def invariance(abstraction: Abstraction, safe: Bools | None = None, threads: int = 1) -> Invariance:
+def invariance(abstraction: Abstraction, safe: Bools | None = None, threads: int = 1) -> InvariantSet:
     """Largest set of safe cells in which some input keeps every successor, with all such inputs.
 
     Args:
@@ -81,7 +79,7 @@ def invariance(abstraction: Abstraction, safe: Bools | None = None, threads: int
     mask = np.zeros((grid.size, (inputs + 7) // 8), np.uint8)
     last = (shape, n, inputs, row, abstraction.group, table, inside, mask)
     pairs = over_rows(partial(_admissible, abstraction.post, *arrays, *last), rows, threads)
-    return Invariance(inside.view(np.bool_), mask, pairs, passes)
+    return InvariantSet(inside.view(np.bool_), mask, pairs, passes)
 
 
 @njit(cache=True, nogil=True)

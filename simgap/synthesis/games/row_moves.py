@@ -32,9 +32,9 @@ class RowSystem:
     """All boxes of an abstraction whose offsets do not depend on the bit axis.
 
     Attributes:
-        bit_axis: the axis whose cells share machine words, `count` of them; row_axes: the others, at most 3; the last
-            one is idle too where `slab_rows` is more than 1.
-        lengths, periodic: (3,) of the row axes, padded with 1 and 0 in front.
+        count: cells along the bit axis, whose cells share machine words.
+        lengths, periodic: (3,) of the other axes, the row axes, padded with 1 and 0 in front; the last one is idle too
+            where `slab_rows` is more than 1.
         slab_rows: rows that lie below each other with the same boxes.
         base: (rows,) flat index of a row's first cell; stride: from one cell of a row to the next.
         layer: (rows,) which boxes a row uses.
@@ -43,9 +43,7 @@ class RowSystem:
             (k, 4); nothing where it does not matter.
     """
 
-    bit_axis: int
     count: int
-    row_axes: tuple[int, ...]
     lengths: Ints
     periodic: Ints
     slab_rows: int
@@ -86,9 +84,7 @@ class RowSystem:
         for j in used:
             layer = layer * grid.cells[j] + index[:, row_axes.index(j)]
         return RowSystem(
-            bit_axis=bit_axis,
             count=grid.cells[bit_axis],
-            row_axes=row_axes,
             lengths=lengths,
             periodic=np.array([0] * missing + [int(j in grid.periodic) for j in row_axes]),
             slab_rows=slab_rows,
