@@ -26,7 +26,7 @@ from simgap.plants.context import Context
 
 ROOT = Path(__file__).parents[1]
 APART = 3.0
-"""How far apart estimate and measurement may be, as `check` promises."""
+"""How far apart estimate and measurement of a stage may be; of a whole run benchmarks/public_models.py has it."""
 
 
 def measured(jobs: Sequence[JobTime], case: str, stage: str, point: str) -> float:

@@ -1,7 +1,7 @@
 """What the stages of a case will cost: counts are exact, bytes and seconds are estimates from measured rates.
 
-Bytes are of the arrays that a stage cannot do without; seconds are CPU seconds on one core of a machine of 2024. Both
-are right to a factor of two or three, which is enough to tell minutes from days.
+Bytes are of the arrays that a stage cannot do without; seconds are CPU seconds on one core. Of runs of a minute the sum
+is right to a factor of 1.5 (docs/evidence/public_models.md has them side by side), of a stage alone to two or three.
 """
 
 from __future__ import annotations
@@ -19,13 +19,12 @@ from simgap.gap.thresholds import CHECK_LEVELS, MOST_BORDER_STATES
 from simgap.geometry import Box, Grid
 from simgap.plants.context import Context
 
-START = 2.0
+START = 1.2
 """CPU seconds that a stage takes to start: imports, compiled kernels read back; the nominal model comes on top."""
 BYTES = 2.5e8
 """Memory of a stage with nothing in it."""
-BESIDE, JOB = 10.0, 0.9
-"""CPU seconds of `check`, `grid`, page and recording together, and of the workflow for each job: three cases of 17 to
-21 jobs spent 27 to 33 s there on a busy machine."""
+BESIDE, JOB = 7.0, 0.25
+"""CPU seconds of `check`, `grid`, page and recording together, and of the workflow for each job: a case of 17 jobs."""
 ROLLOUT = 3e-5
 """CPU seconds of an engine's step of a joint plant where the engine was not asked."""
 LOOP = 6e-6
@@ -182,8 +181,7 @@ def _control(context: Context, rollout: float, begun: float) -> Iterator[StageCo
             not _holds(case),
         )
         yield StageCost(
-            "validation", steps, "closed-loop steps" + " at most" * ends, begun + 2 * START + steps * (rollout + LOOP),
-            2 * BYTES,
+            "validation", steps, "closed-loop steps" + " at most" * ends, begun + steps * (rollout + LOOP), 2 * BYTES,
             "validation.starts", ends,
         )  # fmt: skip
     if case.simulator is not None:

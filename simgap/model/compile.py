@@ -48,5 +48,7 @@ def _indexed(
 
 
 def _floating(e: sp.Expr) -> sp.Expr:
-    """Bare numbers as floats, so that all entries of the tuple have one type."""
-    return sp.Float(e, 17) if e.is_number else e
+    """Bare numbers as floats, so that all entries of the tuple have one type; and those that are no int64."""
+    if e.is_number:
+        return sp.Float(e, 17)
+    return e.xreplace({n: sp.Float(n, 17) for n in e.atoms(sp.Rational) if max(abs(n.p), n.q) >= 2**63})

@@ -157,3 +157,10 @@ def test_interval_primitives_enclose():
 def test_exact_arc_needs_a_wheeled_robot():
     with pytest.raises(UserError, match="exact_arc"):
         sampled(0.1, "exact_arc")
+
+
+def test_numbers_beyond_int64_are_compiled_as_floats():
+    """What a rotation by 1.57079632679 leaves of a zero is a fraction of integers of 70 digits."""
+    x, large = symbol("x"), sp.Integer(16) * 10**72
+    found = compile_kernel([large * x / (x + large), sp.Rational(1, 3) * x**2], [[x]])(np.array([2.0]))
+    assert found == pytest.approx((2.0, 4.0 / 3.0))

@@ -265,7 +265,7 @@ def test_the_counts_are_those_of_the_stages(tmp_path):
     states, inputs = (read_parquet(tmp_path / "grid" / f"{name}.parquet").num_rows for name in ("states", "inputs"))
     assert found["rollouts"].count == states * inputs == found["gap"].count
     assert found["workflow"].count >= len(found) - 1 + 4  # a small run is mostly this: jobs that begin, page, recording
-    assert found["workflow"].seconds > 20.0
+    assert found["workflow"].seconds > 10.0
     assert (tmp_path / "check.json").is_file()
 
 

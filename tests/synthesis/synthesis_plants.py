@@ -18,6 +18,13 @@ def pendulum(tau=0.005):
 
 
 @cache
+def rubbing(tau=0.1):
+    """A mass on which dry friction acts, explicit Euler: the speed jumps where it is 0."""
+    q, v, u = sp.symbols("q v u", real=True)
+    return NominalModel((q, v), (u,), (q + tau * v, v + tau * (u - sp.Float("0.3") * sp.sign(v))), tau)
+
+
+@cache
 def unicycle(tau=1.0, exact=False):
     """A unicycle, explicit Euler or the second-order arc."""
     x, y, t, v, w = sp.symbols("x y t v w", real=True)

@@ -19,7 +19,15 @@ from simgap.synthesis.games.game import MeasuredGame
 from simgap.synthesis.games.invariance import invariance
 from simgap.synthesis.games.reach import reach_avoid
 from simgap.synthesis.input_sets import unpack
-from tests.synthesis.synthesis_plants import constant_gap, pendulum, random_plant, sloped_gap, small_slope, unicycle
+from tests.synthesis.synthesis_plants import (
+    constant_gap,
+    pendulum,
+    random_plant,
+    rubbing,
+    sloped_gap,
+    small_slope,
+    unicycle,
+)
 
 RELAXED = settings(max_examples=20, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 GAPS = {
@@ -48,7 +56,16 @@ def plant(name):
         inputs = np.array([(v, w) for v in (-0.3, 0.0, 0.25) for w in (-0.5, 0.1, 0.4)])
         return unicycle(), inputs, Box([0, 0, -np.pi], [3, 2, np.pi]), (2,)
     inputs = np.linspace(-1, 1, 5)[:, None]
+    if name == "rubbing":
+        return rubbing(), inputs, Box([-1.0, -1.0], [1.0, 1.0]), ()
     return random_plant(int(name)), inputs, Box([-1.0, -1.5], [1.2, 1.0]), ()
+
+
+def test_where_the_nominal_model_jumps_the_box_is_as_wide_as_the_jump():
+    model, inputs, box, _ = plant("rubbing")
+    grid = Grid(box, (11, 11))
+    found = nominal_abstraction(model, grid, inputs).boxes(grid.index(np.zeros((1, 2))))
+    assert (found[0, :, 1] - found[0, :, 0]).max() <= 3
 
 
 @pytest.mark.parametrize(
@@ -59,6 +76,7 @@ def plant(name):
         ("pendulum", "sloped", False),
         ("unicycle", "constant", True),
         ("unicycle", "sloped", False),
+        ("rubbing", "constant", True),
         ("0", "none", True),
         ("0", "sloped", False),
         ("1", "constant", False),

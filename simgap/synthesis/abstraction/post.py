@@ -4,7 +4,8 @@ Over the box B (a cell, widened by the measurement error) with centre c and half
 
     f(x, u) in f(c, u) -/+ sum_j sup_B |d f_i / d x_j| r_j   for all x in B,
 
-and the successor lies in that plus [inf_B lo_i, sup_B hi_i] of the gap.
+or, where f jumps in B, in what interval arithmetic makes of f over B; and the successor lies in that plus
+[inf_B lo_i, sup_B hi_i] of the gap.
 
 A post reads two flat arrays. `data` holds n values each of: origin, cell width, lower clip, upper clip, measurement
 error, pad; then the inputs (M, nu); then the tables of offsets. `meta` holds nx, M, nu, len(data), then for each
@@ -180,8 +181,11 @@ def image(f: Kernel, jacobian: Kernel) -> Kernel:
                 a, b = slope[i * n + j][0], slope[i * n + j][1]
                 r = max(xhi[j] - c[j], c[j] - xlo[j])
                 spread += max(-a, b) * r
-            lo[i] = value[i][0] - spread * (1.0 + 2.0**-48)
-            hi[i] = value[i][1] + spread * (1.0 + 2.0**-48)
+            if spread < np.inf:
+                lo[i] = value[i][0] - spread * (1.0 + 2.0**-48)
+                hi[i] = value[i][1] + spread * (1.0 + 2.0**-48)
+            else:
+                lo[i], hi[i] = f(xlo, xhi, u, u)[i]
 
     return image_of_box
 
