@@ -8,7 +8,7 @@ from pathlib import Path
 from simgap.cache import machine_code
 from simgap.config.load import load_case
 from simgap.config.reads import READS
-from simgap.config.measured import matching_files
+from simgap.config.measured import named_recordings
 from simgap.config.rig import case_of_rig
 from simgap.config.sweep import MARK, base_of, points_of_sweep
 from simgap.config.workflow import workflow_config
@@ -22,7 +22,6 @@ from simgap.gap.sampling.points import (
 )
 from simgap.io.atomic import host, no_links_below
 from simgap.io.runs import LINKED, RUN, announce, follow_the_run, join
-from simgap.reading import is_file
 from simgap.provenance import (
     code_digest,
     digest,

@@ -29,17 +29,15 @@ def rig_code(wildcards):
 
 
 def own_recordings(case):
-    """The bytes of the case's own recordings, by name; simgap finds them in the case and tells of one that is missing.
+    """The hashes of the case's own recordings, by name; one that is missing ends the plan.
 
-    They are parameters and no inputs: a person's file name may hold braces, which Snakemake takes for wildcards.
+    They are parameters, not inputs: a file name may hold braces, which Snakemake takes for wildcards.
     """
     measured = case_of(case).measured
     names = measured.files if measured is not None else ()
     try:
-        return {
-            str(path): file_digest(path) if is_file(path) else None
-            for _, path in matching_files(CASE_FOLDER, names)
-        }
+        paths = named_recordings(Path(case_path(case)), names)
+        return {str(path): file_digest(path) for path in paths}
     except SimgapError as error:
         told(error)
 

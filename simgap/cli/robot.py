@@ -165,9 +165,10 @@ def certify(
     start_log(log)
     if bound is not None and controller is not None:
         stage.run(what, bound, controller, out)
-        return
-    case, own_bound, own_controller = stage.results_of(what) if what.is_dir() else stage.of_case(what)
-    stage.run(case, bound or own_bound, controller or own_controller, out)
+    else:
+        case, own_bound, own_controller = stage.results_of(what) if what.is_dir() else stage.of_case(what)
+        stage.run(case, bound or own_bound, controller or own_controller, out)
+    say(f"Wrote {out}. Verify it without simgap: python {workflow_file('checker/check.py')} {out}")
 
 
 def export(

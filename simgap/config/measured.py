@@ -86,6 +86,23 @@ def matching_files(folder: Path, names: Sequence[str], typed: bool = False) -> l
     return [(place, path) for path, place in found.items()]
 
 
+def named_recordings(case: Path, names: Sequence[str]) -> list[Path]:
+    """The recordings that a case file names under `measured.files`.
+
+    Raises:
+        UserError: one that is not there, or a pattern that no file matches.
+    """
+    found = matching_files(case.parent, names)
+    for place, path in found:
+        if not reading.is_file(path):
+            raise UserError(
+                f"{'is a folder' if path.is_dir() else 'there is no file'}: '{names[place]}'",
+                file=case, key=f"measured.files.{place}",
+                remedy="Correct the path of a CSV, Parquet, JSON or MCAP file; it starts from the folder of the case.",
+            )  # fmt: skip
+    return [path for _, path in found]
+
+
 def _files(folder: Path, pattern: str, key: str | None) -> list[Path]:
     """Files that match, sorted; none where it is no pattern (`**` stands alone between slashes)."""
     anchor = Path(pattern).anchor

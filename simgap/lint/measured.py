@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from simgap import reading
-from simgap.config.measured import MeasuredSection, matching_files
+from simgap.config.measured import MeasuredSection, named_recordings
 from simgap.diagnosis.record.channels import Channel, measured_columns
 from simgap.diagnosis.record.clock import same_file
 from simgap.diagnosis.record.conditions import conditioned
@@ -37,7 +37,7 @@ def check_measured(context: Context) -> None:
         _refuse_conditions(section, model)
         refuse_links(context, section)
         if section.files:
-            paths = named_files(context, section)
+            paths = named_recordings(context.path, section.files)
             for path in paths:
                 _refuse_columns(context, section, (*channels, *told), path)
             _refuse_other_files(section, [reading.relative(path, context.folder) for path in paths])
@@ -55,23 +55,6 @@ def find_missing_coordinates(context: Context) -> list[Finding]:
             "Name the degrees of freedom there if something moves",
         )
     ]
-
-
-def named_files(context: Context, section: MeasuredSection) -> list[Path]:
-    """The recordings that the case names.
-
-    Raises:
-        UserError: one that is not there, or a pattern that no file matches.
-    """
-    found = matching_files(context.folder, section.files)
-    for k, path in found:
-        if not reading.is_file(path):
-            raise UserError(
-                f"{'is a folder' if path.is_dir() else 'there is no file'}: '{section.files[k]}'",
-                file=context.path, key=f"measured.files.{k}",
-                remedy="Correct the path of a CSV, Parquet, JSON or MCAP file; it starts from the folder of the case.",
-            )  # fmt: skip
-    return [path for _, path in found]
 
 
 def _refuse_effects(section: MeasuredSection) -> None:

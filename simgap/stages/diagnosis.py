@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from simgap.config.copied_plugins import plugin_copies
-from simgap.config.measured import MeasuredSection, matching_files
+from simgap.config.measured import MeasuredSection, matching_files, named_recordings
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.record.conditions import Known, conditioned, under_conditions
 from simgap.diagnosis.record.record import Record
@@ -28,7 +28,7 @@ from simgap.io.parquet import table, write_parquet
 from simgap.io.recordings.measured import load_reading
 from simgap.io.recordings.tables import rig_record
 from simgap.io.rerun.diagnosis import write_recording
-from simgap.lint.measured import check_measured, named_files, refuse_links, refuse_unknown
+from simgap.lint.measured import check_measured, refuse_links, refuse_unknown
 from simgap.model.symbolic import SymbolicModel
 from simgap.notation import number
 from simgap.plants.context import Context
@@ -183,7 +183,7 @@ def _paths(context: Context, section: MeasuredSection, data: Sequence[Path]) -> 
             remedy="Name CSV, Parquet, JSON or MCAP files on the command line or here.",
         )
     check_measured(context)
-    return named_files(context, section)
+    return named_recordings(context.path, section.files)
 
 
 def _settings(section: MeasuredSection, reading: Reading) -> DiagnosisSettings:

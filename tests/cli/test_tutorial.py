@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -81,3 +82,12 @@ def test_the_run_makes_what_it_shows(tmp_path):
         (tmp_path / "snippet.py").write_text(code)
         run = subprocess.run([sys.executable, "snippet.py"], cwd=tmp_path, capture_output=True, text=True, check=False)
         assert run.returncode == 0, (code, run.stderr[-2000:])
+
+
+def test_a_recording_that_is_gone_ends_the_plan(tmp_path):
+    for name in ("rod.yaml", "rod.urdf", "machine.urdf"):
+        shutil.copy(ROOT / "docs/tutorial" / name, tmp_path)
+    command = [Path(sys.executable).with_name("simgap"), "run", "rod.yaml", "--dry-run"]
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert run.returncode
+    assert "simgap: rod.yaml: measured.files.0: there is no file: 'swings.csv'. Correct the path" in run.stderr

@@ -95,6 +95,11 @@ def test_the_schema_is_shipped(installed):
     assert schema.read_bytes() == (ROOT / "configs/schema.json").read_bytes()
 
 
+def test_the_checker_is_shipped(installed):
+    (checker,) = installed.parent.glob("lib/python*/site-packages/simgap/workflow/checker/check.py")
+    assert call(str(installed / "python"), str(checker), "--help", cwd=checker.parent)[0] == 0
+
+
 def test_types_are_shipped(installed):
     (marker,) = installed.parent.glob("lib/python*/site-packages/simgap/py.typed")
     assert marker.is_file()

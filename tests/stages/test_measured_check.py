@@ -8,9 +8,9 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 
-from simgap.config.measured import MeasuredSection
+from simgap.config.measured import MeasuredSection, named_recordings
 from simgap.errors import UserError
-from simgap.lint.measured import check_measured, named_files, refuse_arm_conditions
+from simgap.lint.measured import check_measured, refuse_arm_conditions
 from simgap.plants.context import Context
 from simgap.stages import check, diagnosis
 
@@ -118,7 +118,7 @@ def test_a_pattern_stands_for_the_files_that_match_it_in_the_order_of_their_name
     context = Context.load(ball(files=["runs/b.csv", "runs/*.csv", "runs/c[1].csv", "run.csv"]))
     check_measured(context)
     assert context.case.measured is not None
-    found = named_files(context, context.case.measured)
+    found = named_recordings(context.path, context.case.measured.files)
     assert [p.relative_to(tmp_path).as_posix() for p in found] == [
         "runs/b.csv", "runs/a.csv", "runs/c[1].csv", "run.csv"
     ]  # fmt: skip
