@@ -205,7 +205,7 @@ def test_an_arm_with_two_motors_gets_a_box_to_reach_within_its_limits():
     assert place + found.tau * speed < 0.5
     for name, (lo, hi) in found.target.items():
         assert found.X[name][0] < lo < hi < found.X[name][1]
-    assert any("a game of 28 cells an axis" in words for words in heard)
+    assert any("trying 28 cells along each axis" in words for words in heard)
 
 
 def test_an_arm_without_time_gets_its_reason():

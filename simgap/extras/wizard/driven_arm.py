@@ -110,7 +110,7 @@ def driven(
         if not budget.allows(TRIED ** len(names) * VALUES**2):
             break
         told = ", ".join(f"{n} +-{v:g}" for n, v in zip(names, half, strict=True))
-        tell(f"a game of {TRIED} cells an axis: {told}" + (f"; best so far {best.wins:.2g}" if best else ""))
+        tell(f"trying {TRIED} cells along each axis: {told}" + (f"; best so far {best.wins:.2g}" if best else ""))
         wins, reason = budget.spent(TRIED ** len(names) * VALUES**2, game)
         if best is None or wins > best.wins:
             cells = (math.ceil(MORE * TRIED),) * len(names)

@@ -331,7 +331,7 @@ def _held(
         fine = cells if rubs is None else rubs.finer(cells)
         if not budget.allows(search.pairs(fine, own)):
             break
-        tell(f"a game of {_shown(fine)} cells against {gap}")
+        tell(f"trying {_shown(fine)} cells against {gap}")
         tried.append(budget.spent(search.pairs(fine, own), partial(search.play, fine, own, against)))
         if tried[-1].wins >= WINS:
             return tried[-1]
