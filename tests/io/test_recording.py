@@ -39,13 +39,13 @@ def test_every_number_of_the_table_is_in_the_recording(made):
     parts = {"actual": "gap", "lower": "lo", "upper": "hi"}
     columns = {f"state/{n}": n for n in ("x1", "x2")} | {"input/u": "u"}
     columns |= {f"gap/{n}/{p}": f"{c}_{n}" for n in ("x1", "x2") for p, c in parts.items()}
-    for controller in ("gap", "nominal"):
+    for controller, title in (("gap", "gap-aware"), ("nominal", "nominal-only")):
         for plant in ("simulator", "nominal model"):
             for run in (0, 1):
                 key = (controller, plant, run)
                 rows = [r for r in frame if (r["controller"], r["plant"], r["run"]) == key]
                 for name, column in columns.items():
-                    entity = f"runs/{controller}/{plant.replace(' ', '_')}/run-{run}/{name}"
+                    entity = f"runs/{title}/{plant.replace(' ', '_')}/run-{run}/{name}"
                     wanted = np.array([(r["sim_time"], r[column]) for r in rows if np.isfinite(r[column])])
                     t, values = curves[entity]
                     np.testing.assert_array_equal(values, wanted[:, 1])

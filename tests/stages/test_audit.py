@@ -129,7 +129,7 @@ def test_a_fault_that_random_samples_miss_is_found_kept_and_shown_again(made, tm
     assert " *" in shown
     assert "1 step outside gamma; the largest difference from what the audit saw is 0." in shown
     gaps = read_curves(tmp_path / "witness.rrd")
-    at = "runs/gap/simulator/run-0/gap/x2"
+    at = "runs/gap-aware/simulator/run-0/gap/x2"
     assert gaps[f"{at}/actual"][1][0] > gaps[f"{at}/upper"][1][0]
 
 
@@ -152,7 +152,7 @@ def test_runs_that_break_are_shown_again_in_the_simulator_and_against_the_distur
     shown = capsys.readouterr().out
     assert data["what"] in shown
     assert "Simulated again: 0 steps outside gamma; the largest difference from what the audit saw is 0." in shown
-    assert len(read_curves(recorded)["runs/gap/simulator/run-0/gap/x2/actual"][1]) == steps
+    assert len(read_curves(recorded)["runs/gap-aware/simulator/run-0/gap/x2/actual"][1]) == steps
     data["states"][-1][1] += 1.0  # nobody simulates the adversary's own states again: they are shown, and so is this
     write_json(tmp_path / "witness.json", data | {"plant": "disturbance"})
     main_status(["replay", str(tmp_path / "witness.json")])
@@ -223,7 +223,7 @@ def test_measurements_without_an_input_are_kept_at_the_start_and_on_the_way(made
         at_start = len(data["inputs"]) == 0
         assert (f"ends where it begins: {STUCK}" in shown) == at_start
         curves = read_curves(tmp_path / "seen.rrd")
-        assert curves["runs/gap/simulator/run-0/measured/x1"][1].tolist() == [y[0] for y in data["measured"]]
+        assert curves["runs/gap-aware/simulator/run-0/measured/x1"][1].tolist() == [y[0] for y in data["measured"]]
 
 
 ENDLESS = """

@@ -38,7 +38,7 @@ def test_robot_by_the_command_line(robot):
     assert exit_.value.code == 0
     assert "read back and equal to the table" in (folder / "trace.log").read_text()
     curves = read_curves(folder / "trace.rrd")
-    states = {f"runs/gap/simulator/run-0/state/{n}" for n in ("x", "y", "heading")}
+    states = {f"runs/gap-aware/simulator/run-0/state/{n}" for n in ("x", "y", "heading")}
     assert states | {"shown/gap/value", "shown/nominal/value", "shown/gap/share/x"} <= set(curves)
 
 

@@ -48,4 +48,4 @@ def test_a_history_outside_gamma_is_shown_again(root, tmp_path, order):
     assert " *" in shown
     off = float(re.search(r"what the audit saw is (\S+)\.\Z", shown)[1])
     assert off < 1e-12  # a frame turned there and back
-    assert len(read_curves(tmp_path / "seen.rrd")["runs/gap/simulator/run-0/gap/theta/actual"][1]) == 3
+    assert len(read_curves(tmp_path / "seen.rrd")["runs/gap-aware/simulator/run-0/gap/theta/actual"][1]) == 3

@@ -13,7 +13,7 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.geometry import Box
 from simgap.io.atomic import atomic
-from simgap.io.traces import MODEL, SIMULATOR, Trace
+from simgap.io.traces import EVERY_TITLE, MODEL, SIMULATOR, Trace
 from simgap.synthesis.controller import Controller
 
 SERIES = (("#56B4E9", "light blue"), ("#CC79A7", "pink"), ("#009E73", "green"), ("#F0E442", "yellow"))
@@ -64,7 +64,7 @@ class Content:
 
 def root(trace: Trace) -> str:
     """The entity under which a run is kept."""
-    return f"runs/{trace.controller}/{_PLANTS[trace.plant]}/run-{trace.run}"
+    return f"runs/{EVERY_TITLE[trace.controller].replace(' ', '-')}/{_PLANTS[trace.plant]}/run-{trace.run}"
 
 
 def curves(trace: Trace, states: Sequence[str], inputs: Sequence[str]) -> Iterator[tuple[str, Floats, Floats]]:
