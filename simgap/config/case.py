@@ -91,8 +91,8 @@ def schema_text() -> str:
     schema = Case.model_json_schema() | {"$schema": "https://json-schema.org/draft/2020-12/schema"}
     schema["properties"]["extends"] = {
         "type": "string",
-        "description": "Another case file of this folder: sections that are not given here are taken from it, null "
-        "leaves one out.",
+        "description": "Another case file in this folder: sections that are not given here are taken from it; null "
+        "removes one.",
     }
     own = [name for name in schema.pop("required") if name != "plant"]
     schema["anyOf"] = [{"required": [*own, "plant"]}, {"required": [*own, "extends"]}]

@@ -47,7 +47,7 @@ class GridSection(Section):
         description="Instead of eps: for each state half the width of a cell, in its unit; states along which a "
         "translation is declared (`symmetry`) need none.",
     )
-    shards: int = Field(2, ge=1, le=1000, description="Files (and jobs) that the roll-outs are cut into.")
+    shards: int = Field(2, ge=1, le=1000, description="Files (and jobs) that the roll-outs are split into.")
 
     @model_validator(mode="after")
     def _one_of_both(self) -> GridSection:
@@ -68,11 +68,11 @@ class SymmetrySection(Section):
     )
     along: tuple[str, ...] = Field((), description="translation: the states on which the gap does not depend.")
     headings: int = Field(8, ge=1, description="Random headings (or shifts) at which each checked history is repeated.")
-    histories: int = Field(100, ge=1, description="Random histories (or states) that are repeated at them.")
+    histories: int = Field(100, ge=1, description="Random histories (or states) that are repeated at each.")
     tolerance: dict[str, float] = Field(
         description="For each state the largest deviation between headings (or shifts); above it the stage fails."
     )
-    seed: int = Field(3, ge=0, description="Of histories and headings.")
+    seed: int = Field(3, ge=0, description="Seed of histories and headings.")
 
     @model_validator(mode="after")
     def _along_what(self) -> SymmetrySection:
@@ -102,7 +102,7 @@ class HiddenStateSection(Section):
     growth: float = Field(
         0.1, gt=0, description="Largest growth with longer histories, relative to the bound's sup, that counts as none."
     )
-    seed: int = Field(2, ge=0, description="Of the random sequences.")
+    seed: int = Field(2, ge=0, description="Seed of the random sequences.")
     fresh_samples: int = Field(
         20_000, ge=1, description="Steps of other random sequences on which the bound is checked; no bound sees them."
     )
@@ -115,7 +115,7 @@ class HiddenStateSection(Section):
         "many of a second one that must not break it; 0: neither."
     )  # fmt: skip
     search_length: int = Field(2, ge=1, description="Inputs before the present one in these searches.")
-    search_seed: int = Field(21, ge=0, description="Of the first of them; the second takes the next.")
+    search_seed: int = Field(21, ge=0, description="Seed of the first search; the second takes the next one.")
     tolerated_probability: float = Field(
         0.0, ge=0.0, lt=1.0, description="Largest bound of the violation probability; 0: one violation fails the stage."
     )
@@ -149,16 +149,18 @@ class ConformalSection(Section):
     calibration_samples: int = Field(
         20_000, ge=100, description="Random samples that set the width; neither the fit nor the check sees them."
     )
-    seed: int = Field(3, ge=0, description="Of these samples; differs from `gap.seed`, which draws those of the check.")
+    seed: int = Field(
+        3, ge=0, description=("Seed of these samples; differs from `gap.seed`, which draws those of the check.")
+    )
 
 
 class RemainderWithin(Section):
     """More is left in a part of X."""
 
     where: dict[str, Interval] = Field(
-        min_length=1, description="For a state, from and to, in its unit; a state that is not named may be anything."
+        min_length=1, description="For a state, from and to, in its unit; states that are not named are free."
     )
-    by: dict[str, NotNegative] = Field(description="For a state, what is left there in one step, in its unit.")
+    by: dict[str, NotNegative] = Field(description="For a state, the remainder there in one step, in its unit.")
 
 
 class GapSection(Section):
@@ -211,11 +213,11 @@ class GapSection(Section):
             "cells takes them everywhere."
         ),
     )
-    confidence: float = Field(0.95, gt=0.5, lt=1.0, description="Of the Clopper-Pearson bound.")
+    confidence: float = Field(0.95, gt=0.5, lt=1.0, description="Confidence of the Clopper-Pearson bound.")
     envelope_nodes: int = Field(200_000, ge=16, description="envelope: most numbers in the table that is saved.")
     lipschitz: LipschitzSection = Field(LipschitzSection(), description="How Lipschitz constants are estimated.")
     conformal: ConformalSection = Field(ConformalSection(), description="Options of the conformal bound.")
-    seed: int = Field(1, ge=0, description="Of the fresh samples and of everything random in the fit.")
+    seed: int = Field(1, ge=0, description="Seed of the fresh samples and of everything random in the fit.")
 
     @property
     def signed(self) -> bool:

@@ -28,9 +28,9 @@ class Rig(Section):
         description="Engine steps within tau while recording; those of the case if not given. Hardware does not move "
         "in steps of the controller: a fine engine step keeps the engine's integration error out of the recordings.",
     )
-    traces: int = Field(2, ge=1, description="How many recordings, each from rest at the origin.")
+    traces: int = Field(2, ge=1, description="Number of recordings, each from rest at the origin.")
     seconds: float = Field(15.0, gt=0, description="Length of each, s.")
-    excitation: Excitation = Field(description="What the inputs do.")
+    excitation: Excitation = Field(description="Signals of the inputs.")
     noise: dict[str, float] = Field(
         min_length=1, description="For each state that is measured, the standard deviation of its noise."
     )

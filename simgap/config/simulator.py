@@ -48,9 +48,13 @@ class EngineSection(Section):
 class Damping(Section):
     """Damping that an engine adds on its own."""
 
-    linear: float = Field(0.04, ge=0, description="Of a link's linear velocity, 1/s; PyBullet's default is 0.04.")
-    angular: float = Field(0.04, ge=0, description="Of a link's angular velocity, 1/s; PyBullet's default is 0.04.")
-    joint: float = Field(0.0, ge=0, description="Of a joint, N m s/rad; replaces what the URDF says.")
+    linear: float = Field(
+        0.04, ge=0, description=("Damping of a link's linear velocity, 1/s; PyBullet's default is 0.04.")
+    )
+    angular: float = Field(
+        0.04, ge=0, description=("Damping of a link's angular velocity, 1/s; PyBullet's default is 0.04.")
+    )
+    joint: float = Field(0.0, ge=0, description="Damping of a joint, N m s/rad; replaces that of the URDF.")
 
 
 class TwinSection(Section):

@@ -43,7 +43,7 @@ class AuditSection(Section):
         description="Closed-loop steps under the worst admissible inputs, in the simulator and as many against "
         f"the worst disturbance; {_unless_given(1)}",
     )
-    seed: int = Field(21, ge=0, description="Of everything random in it.")
+    seed: int = Field(21, ge=0, description="Seed of everything random in the audit.")
 
     def budget(self, histories: bool, trials: Trials = Trials.PLAIN) -> tuple[int, int]:
         """Evaluations and steps, `histories` where the simulator remembers inputs; a deep audit takes no less."""

@@ -32,7 +32,7 @@ class MuJoCoWheeledSettings(WheeledSettings):
 
     engine: Literal["mujoco_wheeled"] = Field("mujoco_wheeled", description="Which engine.")  # type: ignore[assignment]
     gain: float = Field(
-        2.0, gt=0, description="Of the wheels' velocity loops, N m s/rad; their torque ends at `torque`."
+        2.0, gt=0, description="Gain of the wheels' velocity loops, N m s/rad; their torque is limited to `torque`."
     )
 
 

@@ -47,6 +47,6 @@ Borders = Annotated[
 Point = Annotated[str | None, Option("eps~ and the radius of the balls that cover X.")]
 Gap = Annotated[Path, Option("gap.json", "--gap")]
 NominalController = Annotated[Path, Option("Controller made for the nominal model.", "--nominal")]
-HowMany = Annotated[Trials, Option("How many, where the case does not say it.", "--trials")]
+HowMany = Annotated[Trials, Option("How many, if the case does not state it.", "--trials")]
 RobustController = Annotated[Path, Option("Controller made for the model with its gap.", "--robust")]
 Traces = Annotated[Path, Option("Traces that the validation kept (Parquet).", "--traces")]

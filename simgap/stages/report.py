@@ -65,7 +65,7 @@ def run(
     figures_out: Annotated[Path, Option("File for the figures that a script wants (JSON).", "--summary")],
     picture: Annotated[Path | None, Option("File for a small PNG that stands for the case.")] = None,
     folder: Annotated[Path | None, Option("Folder for the figures as files.", "--figures", "folder")] = None,
-    later: Annotated[str | None, Option("The page, seen from this one, that waits for all of it.")] = None,
+    later: Annotated[str | None, Option("Path from this page to the complete one.")] = None,
 ) -> str:
     """Read the results of a case, write its page and its summary: -> where the page is, in words.
 
