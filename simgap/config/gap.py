@@ -207,11 +207,9 @@ class GapSection(Section):
     )
     remainder_within: tuple[RemainderWithin, ...] = Field(
         default=(),
-        description=(
-            "Boxes of the states in which more is left, such as near rest, where dry friction sticks; in cells that "
-            "a box touches, its numbers replace `remainder` where they are larger. A bound that is not a table of "
-            "cells takes them everywhere."
-        ),
+        description="Boxes of the states in which more is left, such as near rest, where dry friction sticks; in cells "
+        "that a box touches, its numbers replace `remainder` where they are larger. A bound that is not a table of "
+        "cells takes them everywhere.",
     )
     confidence: float = Field(0.95, gt=0.5, lt=1.0, description="Confidence of the Clopper-Pearson bound.")
     envelope_nodes: int = Field(200_000, ge=16, description="envelope: most numbers in the table that is saved.")

@@ -253,10 +253,8 @@ class MeasuredSection(Section):
     )
     conditions_from: dict[str, Annotated[ConditionColumn, BeforeValidator(bare_column, str | ConditionColumn)]] = Field(
         default_factory=dict,
-        description=(
-            "Such parameters with their values in a column of each file (or beside the samples of a JSON file): "
-            "parameter -> its column."
-        ),
+        description="Such parameters with their values in a column of each file (or beside the samples of a JSON "
+        "file): parameter -> its column.",
     )
     payloads: tuple[PayloadSection, ...] = Field(
         default=(),

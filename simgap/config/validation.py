@@ -77,11 +77,9 @@ class ValidationSection(Section):
     kept: int = Field(4, ge=1, description="Runs of each controller whose traces are written.")
     fair_baseline: bool = Field(
         False,
-        description=(
-            "Whether a third controller runs from the same starts: made for the nominal model alone, like the "
-            "nominal-only one, but checking what that model does between samples. For specifications of the whole "
-            "path."
-        ),
+        description="Whether a third controller runs from the same starts: made for the nominal model alone, like the "
+        "nominal-only one, but checking what that model does between samples. For specifications of the whole "
+        "path.",
     )
 
     def count(self, trials: Trials = Trials.PLAIN) -> int:

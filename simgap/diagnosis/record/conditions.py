@@ -64,10 +64,8 @@ def told_by_columns(table: RawTable, channels: Sequence[Channel]) -> dict[str | 
                 raise UserError(
                     f"row {rows[other[0]] + 1}: '{c.column}' gives {own[other[0]]:.6g} {c.unit} where it gave "
                     f"{own[0]:.6g} before", file=table.file, key=c.key,
-                    remedy=(
-                        "A condition holds throughout: cut the file there, or separate its parts by a trace column; "
-                        "for what is measured with noise state its mean under measured.conditions."
-                    ),
+                    remedy="A condition holds throughout: cut the file there, or separate its parts by a trace column; "
+                    "for what is measured with noise state its mean under measured.conditions.",
                 )  # fmt: skip
             found.setdefault(label, {})[c.name] = float(own[0])
     return found
