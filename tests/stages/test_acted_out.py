@@ -100,7 +100,7 @@ def test_a_program_that_cannot_act_them_out_stays_as_it_is_and_that_is_said(tmp_
     content, case, text = concluded(tmp_path, "simulator: {engine: python, function: 'mine.py:step'}\n" + HARDWARE % "")
     assert case.simulator.effects == ()
     assert len(case.plant.effects) == 1
-    assert "It cannot act out coulomb friction" in text
+    assert "It cannot simulate coulomb friction" in text
     assert content["simulator"]["effects"] == []
 
 
@@ -143,12 +143,12 @@ def test_a_window_as_a_run_by_hand():
 def test_a_simulator_that_follows_with_no_set_gets_what_its_engine_suggests():
     """It strays for a reason of its own: leaving out an effect that was found may look better and says nothing."""
     one, two = (AppliedEffect(name, "hinge", {}) for name in ("coulomb_friction", "viscous_friction"))
-    told = ActedOut((one, two), "made of the model", rest=" It cannot act out delay.")
+    told = ActedOut((one, two), "made of the model", rest=" It cannot simulate delay.")
     sets = [(one, two), (), (one,), (two,)]
     judged = acted_out._judged(told, sets, [31.0, 182.0, 27.3, 60.0])
     assert judged.effects == (one, two)
     assert "It follows them with none of these sets" in judged.reason
-    assert judged.reason.endswith("It cannot act out delay.")
+    assert judged.reason.endswith("It cannot simulate delay.")
     assert acted_out._judged(told, sets, [31.0, float("nan"), 1.3, 60.0]).effects == (one,)
     followed_it = acted_out._judged(told, sets, [31.0, 182.0, 1.3, 60.0])
     assert followed_it.effects == (one,)
