@@ -104,7 +104,7 @@ WRONG = [
     ({"conditions_from": {"m": "timestamp"}}, "conditions_from.m.column", "is the column of time stamps", "Name one"),
     ({"conditions_from": {"m": {"column": "mass", "unit": "V"}}}, "conditions_from.m.unit", "'V' cannot be", "like"),
     ({"conditions_from": {"m": {"column": "mass", "scale": 0}}}, "conditions_from.m", "scale is 0", "give a factor"),
-    ({"conditions": [{"file": "run_a.json", "m": 0.2}]}, "measured", "['m'] are both in conditions and in", "remove them"),
+    ({"conditions": [{"file": "run_a.json", "m": 0.2}]}, "measured", "['m'] are both in conditions", "remove them"),
 ]  # fmt: skip
 
 
