@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.search import columns
 from simgap.diagnosis.simulation.coarse import coarse
+from simgap.diagnosis.simulation.parts import parts_of
 from tests.undeclared.rig import robot
 from tests.undeclared.test_robot import _declared
 
