@@ -9,6 +9,7 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.diagnosis.record.record import Record
+from simgap.diagnosis.result import Key
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import Direction, linearise, promised, slot_direction, with_values
@@ -22,7 +23,6 @@ from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
 from simgap.units import full_turn
 
-Key = tuple[str, str]
 _RESPONSE, _TRIAL = 0.001, 1.0  # of the noise: a small step for derivatives; a finite one where there is a kink
 _SECANT = (0.3, 2.0)  # how far from a secant's own size its estimate may be
 
