@@ -15,7 +15,7 @@ from typing import ClassVar, Literal, TypeAlias
 import numpy as np
 
 from simgap.effects.quoted import Quoted
-from simgap.effects.start import Scales, Start
+from simgap.effects.start import Scales, Start, multiple
 from simgap.errors import UserError
 from simgap.late import sympy as sp
 from simgap.model.symbolic import Parameter, SymbolicModel, Variable, symbol
@@ -121,6 +121,13 @@ class Effect(ABC):
     needs: ClassVar[str] = "nothing that every plant does not have"
     """What a plant must have for it, told where it has no target."""
 
+    begin: ClassVar[tuple[float, ...] | None] = None
+    """Of a time: sampling intervals from which a search begins."""
+    short: ClassVar[str] = ""
+    """A noun phrase without numbers, `{on}` its place: 'Coulomb friction at the {on}'; from the name if not given."""
+    long: ClassVar[str] = ""
+    """The same with its numbers by symbol: 'Coulomb friction of {F_c} at the {on}'; times are told in milliseconds."""
+
     @abstractmethod
     def targets(self, model: SymbolicModel) -> tuple[str, ...]:
         """What the effect can act on in this model (its possible `on`)."""
@@ -138,9 +145,12 @@ class Effect(ABC):
         return {p.symbol: p.unit for p in self.parameters}
 
     def starts(self, scales: Scales) -> tuple[Start, ...]:
-        """Where a search for the effect begins; for one parameter, the derivative at its null."""
+        """Where a search for the effect begins; for one parameter, at the times of `begin` or the derivative at its
+        null."""
         (only,) = self.parameters
-        return (Start(1, lambda c: {only.symbol: only.null + c[0]}),)
+        if self.begin is None:
+            return (Start(1, lambda c: {only.symbol: only.null + c[0]}),)
+        return tuple(multiple(only.symbol, k * scales.interval) for k in self.begin)
 
     def beyond(self, contained: Mapping[str, float], start: Mapping[str, float]) -> dict[str, float]:
         """Where to begin from the fit of the effect that this one contains, and from one of its own starts."""
@@ -180,11 +190,17 @@ class Effect(ABC):
 
     def phrase(self, on: str) -> str:
         """A noun phrase without numbers: 'viscous friction at the hinge'."""
-        return f"{self.name.replace('_', ' ')} at the {on}"
+        return self.short.format(on=on) or f"{self.name.replace('_', ' ')} at the {on}"
 
     def describe(self, on: str, quoted: Quoted) -> str:
         """A noun phrase with its numbers: 'Coulomb friction of 0.19 ± 0.01 N m at the hinge'."""
-        numbers = ", ".join(f"{p.symbol} = {quoted.number(p.symbol)}" for p in self.parameters)
+        every = {
+            p.symbol: quoted.number(p.symbol, 1e3, "ms") if p.unit == "s" else quoted.number(p.symbol)
+            for p in self.parameters if p.symbol in quoted.parameters
+        }  # fmt: skip
+        if self.long:
+            return self.long.format(on=on, **every)
+        numbers = ", ".join(f"{symbol} = {number}" for symbol, number in every.items())
         return f"{self.phrase(on)} ({numbers})" if numbers else self.phrase(on)
 
     def physical(self, values: Mapping[str, float]) -> bool:

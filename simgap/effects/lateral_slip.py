@@ -14,6 +14,7 @@ class LateralSlip(Effect):
     """The robot drifts to its left by a share of the way it goes forward (the tangent of its side-slip angle)."""
 
     name = "lateral_slip"
+    short = "sideways slip"
     kind = "plant"
     needs = "a planar robot on two driven wheels (plant.symbolic.wheels)"
     formula = "x' += -ratio v sin(heading), y' += ratio v cos(heading)"
@@ -35,10 +36,6 @@ class LateralSlip(Effect):
         xdot[names.index(wheels.x)] += -sideways * sp.sin(heading)
         xdot[names.index(wheels.y)] += sideways * sp.cos(heading)
         return replace(model, xdot=tuple(xdot))
-
-    def phrase(self, on: str) -> str:
-        """It is on the whole robot."""
-        return "sideways slip"
 
     def describe(self, on: str, quoted: Quoted) -> str:
         """In percent of the speed."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from simgap.effects.base import PLANT, EffectParameter, Values, WheelEffect
-from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start, multiple
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
@@ -19,6 +18,8 @@ class RollingResistance(WheelEffect):
     """
 
     name = "rolling_resistance"
+    short = "rolling resistance of the wheels"
+    long = "rolling resistance that takes {loss} from the speed of each wheel"
     kind = "plant"
     second = True
     resembles = ("input_dead_zone", "input_bias", "input_gain")
@@ -64,14 +65,6 @@ class RollingResistance(WheelEffect):
         if model.wheels is None:
             return ()
         return tuple(s - sp.Float(side * values["loss"]) for s in _speeds(model) for side in (-1.0, 1.0))
-
-    def phrase(self, on: str) -> str:
-        """It is on both wheels."""
-        return "rolling resistance of the wheels"
-
-    def describe(self, on: str, quoted: Quoted) -> str:
-        """What each wheel loses."""
-        return f"rolling resistance that takes {quoted.number('loss')} from the speed of each wheel"
 
 
 def _speeds(model: SymbolicModel) -> tuple[sp.Expr, ...]:

@@ -13,6 +13,7 @@ class WheelMismatch(WheelEffect):
     """The right wheel of a differential drive is larger or smaller than declared, the left one is as declared."""
 
     name = "wheel_mismatch"
+    short = "unequal wheels"
     kind = "plant"
     needs = "a planar robot on two driven wheels (plant.symbolic.wheels)"
     formula = "v' = (r (v + w L/2) + (v - w L/2))/2, w' = (r (v + w L/2) - (v - w L/2))/L, L the track, r the ratio"
@@ -38,10 +39,6 @@ class WheelMismatch(WheelEffect):
     def turned(self, left: float, right: float, values: Mapping[str, float]) -> tuple[float, float]:
         """The right wheel alone."""
         return left, values["ratio"] * right
-
-    def phrase(self, on: str) -> str:
-        """It is on the whole robot."""
-        return "unequal wheels"
 
     def describe(self, on: str, quoted: Quoted) -> str:
         """How far the right wheel is off."""
