@@ -194,13 +194,11 @@ class Effect(ABC):
 
     def describe(self, on: str, quoted: Quoted) -> str:
         """A noun phrase with its numbers: 'Coulomb friction of 0.19 ± 0.01 N m at the hinge'."""
-        every = {
-            p.symbol: quoted.number(p.symbol, 1e3, "ms") if p.unit == "s" else quoted.number(p.symbol)
-            for p in self.parameters if p.symbol in quoted.parameters
-        }  # fmt: skip
         if self.long:
+            times = {p.symbol: (1e3, "ms") for p in self.parameters if p.unit == "s"}
+            every = {symbol: quoted.number(symbol, *times.get(symbol, ())) for symbol in quoted.parameters}
             return self.long.format(on=on, **every)
-        numbers = ", ".join(f"{symbol} = {number}" for symbol, number in every.items())
+        numbers = ", ".join(f"{p.symbol} = {quoted.number(p.symbol)}" for p in self.parameters)
         return f"{self.phrase(on)} ({numbers})" if numbers else self.phrase(on)
 
     def physical(self, values: Mapping[str, float]) -> bool:
@@ -263,7 +261,18 @@ class Effect(ABC):
         return self.insert(grown, on, {key: symbol(name) for key, name in names.items()})
 
 
-class WheelEffect(Effect):
+class WheeledTarget(Effect):
+    """Whatever acts on a planar robot on two driven wheels."""
+
+    kind: ClassVar[Kind] = "plant"
+    needs: ClassVar[str] = "a planar robot on two driven wheels (plant.symbolic.wheels)"
+
+    def targets(self, model: SymbolicModel) -> tuple[str, ...]:
+        """The plant, if it is such a robot."""
+        return ("plant",) if model.wheels is not None else ()
+
+
+class WheelEffect(WheeledTarget):
     """A change of the speeds of a robot's driven wheels; an engine of such a robot acts it out on its motors."""
 
     @abstractmethod

@@ -20,10 +20,8 @@ class RollingResistance(WheelEffect):
     name = "rolling_resistance"
     short = "rolling resistance of the wheels"
     long = "rolling resistance that takes {loss} from the speed of each wheel"
-    kind = "plant"
     second = True
     resembles = ("input_dead_zone", "input_bias", "input_gain")
-    needs = "a planar robot on two driven wheels (plant.symbolic.wheels)"
     formula = "s' = sign(s) max(|s| - loss, 0) for both wheels, s = v + w L/2 and v - w L/2, L the track"
     source = (
         "Wong (2008), Theory of Ground Vehicles, sec. 1.2 (rolling resistance); the rest is the balance of the loop"
@@ -31,10 +29,6 @@ class RollingResistance(WheelEffect):
     rank = PLANT + 35
     excitation = "drive slowly and fast, turn on the spot and drive backwards"
     parameters = (EffectParameter("loss", "{input}", "speed that each wheel loses at its rim", null=0.0, lower=0.0),)
-
-    def targets(self, model: SymbolicModel) -> tuple[str, ...]:
-        """The plant, if it is a planar robot on two driven wheels."""
-        return ("plant",) if model.wheels is not None else ()
 
     def units(self, model: SymbolicModel, on: str) -> dict[str, str]:
         """The unit of the commanded speed."""

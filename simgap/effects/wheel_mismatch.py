@@ -14,16 +14,10 @@ class WheelMismatch(WheelEffect):
 
     name = "wheel_mismatch"
     short = "unequal wheels"
-    kind = "plant"
-    needs = "a planar robot on two driven wheels (plant.symbolic.wheels)"
     formula = "v' = (r (v + w L/2) + (v - w L/2))/2, w' = (r (v + w L/2) - (v - w L/2))/L, L the track, r the ratio"
     source = "Borenstein, Feng (1996), IEEE Trans. Robotics and Automation 12(6), unequal wheel diameters"
     rank = PLANT + 20
     parameters = (EffectParameter("ratio", "1", "true over declared radius of the right wheel", null=1.0, lower=0.0),)
-
-    def targets(self, model: SymbolicModel) -> tuple[str, ...]:
-        """The plant, if it is a planar robot on two driven wheels."""
-        return ("plant",) if model.wheels is not None else ()
 
     def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
         """Turn the commands into wheel speeds and back with the true radii."""
