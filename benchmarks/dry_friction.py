@@ -24,10 +24,10 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
 from simgap.diagnosis import diagnose as whole  # noqa: E402
-from simgap.diagnosis.parts_of import parts_of  # noqa: E402
 from simgap.diagnosis.record.record import Record, Trace  # noqa: E402
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings  # noqa: E402
 from simgap.diagnosis.simulation.initial import initial_states  # noqa: E402
+from simgap.diagnosis.simulation.parts import parts_of  # noqa: E402
 from simgap.diagnosis.simulation.problem import Problem  # noqa: E402
 from simgap.diagnosis.verdict.judge import judge  # noqa: E402
 from simgap.model.symbolic import SymbolicModel  # noqa: E402

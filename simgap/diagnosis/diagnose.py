@@ -10,13 +10,12 @@ import numpy as np
 from simgap.diagnosis.change import Answer, sides_apart
 from simgap.diagnosis.choosing import chosen
 from simgap.diagnosis.conclude import conclude
-from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.record.faults.registry import mended
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, Key, RecordingFault
-from simgap.diagnosis.search.barred import barred
 from simgap.diagnosis.search.columns import better_columns
 from simgap.diagnosis.search.confidence import chi2_dof
+from simgap.diagnosis.search.scoring import barred
 from simgap.diagnosis.search.watch import Watch
 from simgap.diagnosis.seek import (
     Searched,
@@ -28,7 +27,7 @@ from simgap.diagnosis.seek import (
     under_its_noise,
 )
 from simgap.diagnosis.simulation.coarse import coarse
-from simgap.diagnosis.simulation.parts import Parts
+from simgap.diagnosis.simulation.parts import Parts, parts_of
 from simgap.diagnosis.tiers import Tiers
 from simgap.diagnosis.verdict.faults import filtered_channels
 from simgap.errors import UserError

@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import DiagnosisSettings, Key
 from simgap.diagnosis.search.confidence import chi2_dof
@@ -25,7 +24,7 @@ from simgap.diagnosis.search.scoring import Starts
 from simgap.diagnosis.search.selection import grow, preferred
 from simgap.diagnosis.search.whiteness import memory_left
 from simgap.diagnosis.seek import Searched, begun, ended, looked_again
-from simgap.diagnosis.simulation.parts import Parts
+from simgap.diagnosis.simulation.parts import Parts, parts_of
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.refit import refit
 from simgap.diagnosis.simulation.sensitivity import choose_step, with_values

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from simgap.effects.base import EffectParameter, Values
 from simgap.effects.drive_train import DriveTrainEffect, Law, grid
-from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start
 
 _QUICK = 500.0  # 1/s: how fast a stop answers; of 150, 300 and 500 the widths came nearest to the hidden ones at 500
@@ -26,6 +25,8 @@ class Backlash(DriveTrainEffect):
     """
 
     name = "backlash"
+    short = "backlash of the {on}"
+    long = "backlash of {b} at the {on}, crossed by a motor of {I}"
     jerks = True
     formula = "I p'' = u - T, link: T in the place of u, T = 0 while |p - q| < b/2, else what keeps it at the stop"
     source = "Nordin, Gutman (2002), Controlling Mechanical Systems with Backlash, Automatica 38(10), sec. 3"
@@ -54,11 +55,3 @@ class Backlash(DriveTrainEffect):
         return Law(
             inertia, half=values["b"] / 2, stops=stops, pressed=pressed, depth=1 / (_DEPTH * values["b"] + _LEAST)
         )
-
-    def phrase(self, on: str) -> str:
-        """Named by its joint."""
-        return f"backlash of the {on}"
-
-    def describe(self, on: str, quoted: Quoted) -> str:
-        """The gap, and what moves in it."""
-        return f"backlash of {quoted.number('b')} at the {on}, crossed by a motor of {quoted.number('I')}"

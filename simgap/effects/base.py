@@ -15,7 +15,7 @@ from typing import ClassVar, Literal, TypeAlias
 import numpy as np
 
 from simgap.effects.quoted import Quoted
-from simgap.effects.start import Scales, Start
+from simgap.effects.start import Scales, Start, multiple
 from simgap.errors import UserError
 from simgap.late import sympy as sp
 from simgap.model.symbolic import Parameter, SymbolicModel, Variable, symbol
@@ -121,6 +121,13 @@ class Effect(ABC):
     needs: ClassVar[str] = "nothing beyond what every plant has"
     """What a plant must have for it, told where it has no target."""
 
+    begin: ClassVar[tuple[float, ...] | None] = None
+    """Of a time: sampling intervals from which a search begins."""
+    short: ClassVar[str] = ""
+    """A noun phrase without numbers, `{on}` its place: 'Coulomb friction at the {on}'; from the name if not given."""
+    long: ClassVar[str] = ""
+    """The same with its numbers by symbol: 'Coulomb friction of {F_c} at the {on}'; times are told in milliseconds."""
+
     @abstractmethod
     def targets(self, model: SymbolicModel) -> tuple[str, ...]:
         """What the effect can act on in this model (its possible `on`)."""
@@ -138,9 +145,12 @@ class Effect(ABC):
         return {p.symbol: p.unit for p in self.parameters}
 
     def starts(self, scales: Scales) -> tuple[Start, ...]:
-        """Where a search for the effect begins; for one parameter, the derivative at its null."""
+        """Where a search for the effect begins; for one parameter, at the times of `begin` or the derivative at its
+        null."""
         (only,) = self.parameters
-        return (Start(1, lambda c: {only.symbol: only.null + c[0]}),)
+        if self.begin is None:
+            return (Start(1, lambda c: {only.symbol: only.null + c[0]}),)
+        return tuple(multiple(only.symbol, k * scales.interval) for k in self.begin)
 
     def beyond(self, contained: Mapping[str, float], start: Mapping[str, float]) -> dict[str, float]:
         """Where to begin from the fit of the effect that this one contains, and from one of its own starts."""
@@ -180,10 +190,14 @@ class Effect(ABC):
 
     def phrase(self, on: str) -> str:
         """A noun phrase without numbers: 'viscous friction at the hinge'."""
-        return f"{self.name.replace('_', ' ')} at the {on}"
+        return self.short.format(on=on) or f"{self.name.replace('_', ' ')} at the {on}"
 
     def describe(self, on: str, quoted: Quoted) -> str:
         """A noun phrase with its numbers: 'Coulomb friction of 0.19 ± 0.01 N m at the hinge'."""
+        if self.long:
+            times = {p.symbol: (1e3, "ms") for p in self.parameters if p.unit == "s"}
+            every = {symbol: quoted.number(symbol, *times.get(symbol, ())) for symbol in quoted.parameters}
+            return self.long.format(on=on, **every)
         numbers = ", ".join(f"{p.symbol} = {quoted.number(p.symbol)}" for p in self.parameters)
         return f"{self.phrase(on)} ({numbers})" if numbers else self.phrase(on)
 
@@ -247,7 +261,18 @@ class Effect(ABC):
         return self.insert(grown, on, {key: symbol(name) for key, name in names.items()})
 
 
-class WheelEffect(Effect):
+class WheeledTarget(Effect):
+    """Whatever acts on a planar robot on two driven wheels."""
+
+    kind: ClassVar[Kind] = "plant"
+    needs: ClassVar[str] = "a planar robot on two driven wheels (plant.symbolic.wheels)"
+
+    def targets(self, model: SymbolicModel) -> tuple[str, ...]:
+        """The plant, if it is such a robot."""
+        return ("plant",) if model.wheels is not None else ()
+
+
+class WheelEffect(WheeledTarget):
     """A change of the speeds of a robot's driven wheels; an engine of such a robot acts it out on its motors."""
 
     @abstractmethod

@@ -31,7 +31,7 @@ class InputEffect(Effect):
 
     def phrase(self, on: str) -> str:
         """'the dead zone of torque'."""
-        return f"the {self.name.removeprefix('input_').replace('_', ' ')} of {on}"
+        return self.short.format(on=on) or f"the {self.name.removeprefix('input_').replace('_', ' ')} of {on}"
 
 
 class MemoryInputEffect(InputEffect):

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from simgap.effects.base import AppliedEffect, CoordinateEffect, EffectParameter, Values, driven_by, drives
-from simgap.effects.quoted import Quoted
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
 
@@ -17,6 +16,7 @@ class ConstantForce(CoordinateEffect):
     """
 
     name = "constant_force"
+    long = "a constant force of {F_0} at the {on}"
     formula = "F = F_0"
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7), sec. 2 (offset of the friction)"
     parameters = (EffectParameter("F_0", "{force}", "force", null=0.0),)
@@ -38,10 +38,6 @@ class ConstantForce(CoordinateEffect):
     def force(self, position: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """F_0."""
         return values["F_0"]
-
-    def describe(self, on: str, quoted: Quoted) -> str:
-        """Its size."""
-        return f"a constant force of {quoted.number('F_0')} at the {on}"
 
 
 def steady_biases(model: SymbolicModel, on: str, found: Sequence[AppliedEffect]) -> dict[int, float]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from simgap.effects.base import CoordinateEffect, EffectParameter, MjcfPlace, Values
-from simgap.effects.quoted import Quoted
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
 
@@ -14,6 +13,8 @@ class CoulombFriction(CoordinateEffect):
     """Resistance of constant size against the motion; at rest it holds up to the same size."""
 
     name = "coulomb_friction"
+    short = "Coulomb friction at the {on}"
+    long = "Coulomb friction of {F_c} at the {on}"
     formula = "F = -F_c sign(v), and any |F| <= F_c that keeps v = 0"
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7), sec. 2"
     excitation = "vary the speed, including slow motion"
@@ -28,11 +29,3 @@ class CoulombFriction(CoordinateEffect):
     def surfaces(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> tuple[sp.Expr, ...]:
         """Rest, where the force turns round."""
         return (symbol(model.coordinate(on).velocity),)
-
-    def phrase(self, on: str) -> str:
-        """A person's name is written with a capital."""
-        return f"Coulomb friction at the {on}"
-
-    def describe(self, on: str, quoted: Quoted) -> str:
-        """Its level."""
-        return f"Coulomb friction of {quoted.number('F_c')} at the {on}"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from simgap.effects.base import CoordinateEffect, EffectParameter, MjcfPlace, Values
-from simgap.effects.quoted import Quoted
 from simgap.late import sympy as sp
 
 
@@ -11,6 +10,7 @@ class CubicSpring(CoordinateEffect):
     """The stiffening (k3 > 0) or softening (k3 < 0) part of an elastic element."""
 
     name = "cubic_spring"
+    long = "a cubic spring of {k3} at the {on}"
     formula = "F = -k3 q^3"
     source = "Nayfeh, Mook (1979), Nonlinear Oscillations, sec. 4.1 (Duffing)"
     pulls_to_a_place = True
@@ -21,7 +21,3 @@ class CubicSpring(CoordinateEffect):
     def force(self, position: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """-k3 q^3."""
         return -values["k3"] * position**3
-
-    def describe(self, on: str, quoted: Quoted) -> str:
-        """Its stiffness."""
-        return f"a cubic spring of {quoted.number('k3')} at the {on}"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from simgap.effects.base import EffectParameter, MemoryForceEffect, Values
-from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start
 from simgap.late import sympy as sp
 
@@ -15,6 +14,8 @@ class DahlFriction(MemoryForceEffect):
     """
 
     name = "dahl_friction"
+    short = "Dahl friction at the {on}"
+    long = "Dahl friction of {F_c} at the {on} that turns round over {d}"
     second = True
     formula = "F = -F_c z, dz/dt = (v - |v| z) / d"
     source = "Dahl (1968), A Solid Friction Model, Aerospace Corp. TOR-0158(3107-18)-1 (i = 1, stiffness F_c / d)"
@@ -41,11 +42,3 @@ class DahlFriction(MemoryForceEffect):
     def force(self, memory: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """-F_c z."""
         return -values["F_c"] * memory
-
-    def phrase(self, on: str) -> str:
-        """A person's name is written with a capital."""
-        return f"Dahl friction at the {on}"
-
-    def describe(self, on: str, quoted: Quoted) -> str:
-        """Its level and its distance."""
-        return f"Dahl friction of {quoted.number('F_c')} at the {on} that turns round over {quoted.number('d')}"

@@ -16,6 +16,7 @@ class ElasticityBehindEncoder(JointElasticity):
     """
 
     name = "elasticity_behind_encoder"
+    short = "elasticity of the {on} behind its encoder"
     formula = "I p'' = u - T, link: T in the place of u, T = k (p - q) + c (p' - v), read: p in the place of q"
 
     def sought_on(self, model: SymbolicModel) -> tuple[str, ...]:
@@ -25,10 +26,6 @@ class ElasticityBehindEncoder(JointElasticity):
     def law(self, values: Values) -> Law:
         """k w + c w', seen from the motor."""
         return super().law(values).at_the_motor()
-
-    def phrase(self, on: str) -> str:
-        """Named by its joint."""
-        return f"elasticity of the {on} behind its encoder"
 
     def describe(self, on: str, quoted: Quoted) -> str:
         """Its stiffness, and what moves before it."""

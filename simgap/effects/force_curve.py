@@ -24,6 +24,7 @@ class ForceCurve(CoordinateEffect):
     """
 
     name = "force_curve"
+    short = "a force at the {on} that depends on the place"
     second = True
     one_curve = True
     pulls_to_a_place = True
@@ -52,10 +53,6 @@ class ForceCurve(CoordinateEffect):
             value = sum((sp.Float(s) * values[n] for n, s in zip(_NAMES, shares, strict=True)), sp.Integer(0))
             total += value * (along if power is None else sp.Max(along - sp.Float(power), 0) ** 3)
         return total + values[_NAMES[0]]
-
-    def phrase(self, on: str) -> str:
-        """'a force at the hinge that depends on the place'."""
-        return f"a force at the {on} that depends on the place"
 
     def describe(self, on: str, quoted: Quoted) -> str:
         """Its ends and its middle."""

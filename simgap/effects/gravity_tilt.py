@@ -17,6 +17,7 @@ class GravityTilt(Effect):
     """
 
     name = "gravity_tilt"
+    short = "a base tilt"
     kind = "plant"
     needs = "gravity that the plant declares"
     formula = "g' = R(-tilt) g, R a rotation about the horizontal axis normal to the plane of motion"
@@ -38,10 +39,6 @@ class GravityTilt(Effect):
         if x in used or y not in used:  # about y
             return model.substitute({gravity[0]: c * x - s * z, gravity[2]: s * x + c * z})
         return model.substitute({gravity[1]: c * y + s * z, gravity[2]: -s * y + c * z})
-
-    def phrase(self, on: str) -> str:
-        """It is on the whole plant."""
-        return "a base tilt"
 
     def describe(self, on: str, quoted: Quoted) -> str:
         """In degrees."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from simgap.effects.base import COMMAND, EffectParameter, Values
 from simgap.effects.commands import StaticInputEffect
-from simgap.effects.quoted import Quoted
 from simgap.late import sympy as sp
 
 
@@ -12,6 +11,7 @@ class InputBias(StaticInputEffect):
     """The plant feels the command plus a constant."""
 
     name = "input_bias"
+    long = "a bias of {bias} on {on}"
     formula = "u' = u + bias"
     source = "Ljung (1999), System Identification, sec. 4.2"
     rank = COMMAND + 30
@@ -21,7 +21,3 @@ class InputBias(StaticInputEffect):
     def applied(self, command: sp.Expr, values: Values) -> sp.Expr:
         """u + bias."""
         return command + values["bias"]
-
-    def describe(self, on: str, quoted: Quoted) -> str:
-        """Its size."""
-        return f"a bias of {quoted.number('bias')} on {on}"

@@ -20,6 +20,7 @@ class InputCurve(StaticInputEffect):
     """
 
     name = "input_curve"
+    short = "the gain curve of {on}"
     second = True
     resembles = ("input_gain", "input_saturation", "input_dead_zone")
     formula = "du'/du = g, linear in u^2 from g_0 at 0 to g_1 at U/2, from there to g_2 at U"
@@ -51,10 +52,6 @@ class InputCurve(StaticInputEffect):
         """Where the curve bends: both signs, their knots."""
         knots = (values["U"] / 2, values["U"])
         return (symbol(on), *(symbol(on) - sp.Float(side * knot) for knot in knots for side in (-1.0, 1.0)))
-
-    def phrase(self, on: str) -> str:
-        """'the gain curve of torque'."""
-        return f"the gain curve of {on}"
 
     def describe(self, on: str, quoted: Quoted) -> str:
         """Its slopes."""

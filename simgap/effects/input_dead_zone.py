@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 from simgap.effects.base import COMMAND, EffectParameter, Values
 from simgap.effects.commands import StaticInputEffect
-from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start, multiple
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
@@ -16,6 +15,7 @@ class InputDeadZone(StaticInputEffect):
     """Commands within the dead zone do nothing, larger ones lose its half-width."""
 
     name = "input_dead_zone"
+    long = "a dead zone of ±({width}) on {on}"
     passes_a_constant = False
     formula = "u' = sign(u) max(|u| - width, 0)"
     source = "Tao, Kokotovic (1996), Adaptive Control of Systems with Actuator and Sensor Nonlinearities, ch. 2"
@@ -34,7 +34,3 @@ class InputDeadZone(StaticInputEffect):
     def surfaces(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> tuple[sp.Expr, ...]:
         """Both ends of the dead zone."""
         return tuple(symbol(on) - sp.Float(side * values["width"]) for side in (-1.0, 1.0))
-
-    def describe(self, on: str, quoted: Quoted) -> str:
-        """Its half width."""
-        return f"a dead zone of ±({quoted.number('width')}) on {on}"

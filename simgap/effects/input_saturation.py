@@ -7,7 +7,6 @@ from collections.abc import Mapping
 
 from simgap.effects.base import COMMAND, EffectParameter, Values
 from simgap.effects.commands import StaticInputEffect
-from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
@@ -17,6 +16,7 @@ class InputSaturation(StaticInputEffect):
     """The plant feels no more than the limit."""
 
     name = "input_saturation"
+    long = "a limit of {limit} on {on}"
     passes_a_constant = False
     formula = "u' = max(-limit, min(u, limit))"
     source = "Tarbouriech et al. (2011), Stability and Stabilization of Linear Systems with Saturating Actuators, ch. 1"
@@ -41,7 +41,3 @@ class InputSaturation(StaticInputEffect):
         if not math.isfinite(values["limit"]):
             return ()
         return tuple(symbol(on) - sp.Float(side * values["limit"]) for side in (-1.0, 1.0))
-
-    def describe(self, on: str, quoted: Quoted) -> str:
-        """Its limit."""
-        return f"a limit of {quoted.number('limit')} on {on}"

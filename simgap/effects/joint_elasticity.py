@@ -7,7 +7,6 @@ from collections.abc import Mapping
 
 from simgap.effects.base import EffectParameter, Values
 from simgap.effects.drive_train import DriveTrainEffect, Law, grid
-from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start
 
 
@@ -15,6 +14,8 @@ class JointElasticity(DriveTrainEffect):
     """Two masses on a spring: the drive moves the motor, and the link feels the spring and its damper."""
 
     name = "joint_elasticity"
+    short = "elasticity of the {on}"
+    long = "elasticity of the {on} ({k}) before a motor of {I}"
     formula = "I p'' = u - T, link: T in the place of u, T = k (p - q) + c (p' - v)"
     source = "Spong (1987), Modeling and Control of Elastic Joint Robots, J. Dyn. Syst. Meas. Control 109(4)"
     excitation = "add faster input changes, near the resonance"
@@ -44,11 +45,3 @@ class JointElasticity(DriveTrainEffect):
     def law(self, values: Values) -> Law:
         """k w + c w'."""
         return Law(values["I"], values["k"], values["c"])
-
-    def phrase(self, on: str) -> str:
-        """Named by its joint."""
-        return f"elasticity of the {on}"
-
-    def describe(self, on: str, quoted: Quoted) -> str:
-        """Its stiffness, and what moves behind it."""
-        return f"elasticity of the {on} ({quoted.number('k')}) before a motor of {quoted.number('I')}"

@@ -4,26 +4,21 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from simgap.effects.base import PLANT, Effect, EffectParameter, Values
+from simgap.effects.base import PLANT, EffectParameter, Values, WheeledTarget
 from simgap.effects.quoted import Quoted
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
 
 
-class LateralSlip(Effect):
+class LateralSlip(WheeledTarget):
     """The robot drifts to its left by a share of the way it goes forward (the tangent of its side-slip angle)."""
 
     name = "lateral_slip"
-    kind = "plant"
-    needs = "a planar robot on two driven wheels (plant.symbolic.wheels)"
+    short = "sideways slip"
     formula = "x' += -ratio v sin(heading), y' += ratio v cos(heading)"
     source = "Wang, Low (2008), IEEE Trans. Robotics 24(3), skidding and slipping of wheeled robots"
     rank = PLANT + 30
     parameters = (EffectParameter("ratio", "1", "sideways over forward speed (0 = no slip)", null=0.0),)
-
-    def targets(self, model: SymbolicModel) -> tuple[str, ...]:
-        """The plant, if it is a planar wheeled robot."""
-        return ("plant",) if model.wheels is not None else ()
 
     def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
         """Add the sideways velocity."""
@@ -35,10 +30,6 @@ class LateralSlip(Effect):
         xdot[names.index(wheels.x)] += -sideways * sp.sin(heading)
         xdot[names.index(wheels.y)] += sideways * sp.cos(heading)
         return replace(model, xdot=tuple(xdot))
-
-    def phrase(self, on: str) -> str:
-        """It is on the whole robot."""
-        return "sideways slip"
 
     def describe(self, on: str, quoted: Quoted) -> str:
         """In percent of the speed."""

@@ -15,6 +15,7 @@ class LoadFriction(DriveEffect):
     """A share of the drive's force is lost to friction, whichever way it moves: efficiency of a gear."""
 
     name = "load_friction"
+    short = "load-dependent friction of the {on}"
     passes_a_constant = False
     second = True
     formula = "F = -mu |u| sign(v), u the drive's force on the coordinate"
@@ -30,10 +31,6 @@ class LoadFriction(DriveEffect):
     def surfaces(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> tuple[sp.Expr, ...]:
         """Rest, and no drive."""
         return symbol(on), self.speed(model, on)
-
-    def phrase(self, on: str) -> str:
-        """Named by its drive."""
-        return f"load-dependent friction of the {on}"
 
     def describe(self, on: str, quoted: Quoted) -> str:
         """In percent of the drive's force."""

@@ -22,6 +22,7 @@ class LuGreFriction(MemoryForceEffect):
     """
 
     name = "lugre_friction"
+    short = "LuGre friction at the {on}"
     second = True
     contains = DahlFriction
     formula = "F = -F_c z - sigma_1 d dz/dt, dz/dt = (v - |v| z / s(v)) / d, s(v) = 1 + rise exp(-(v/v_s)^2)"
@@ -73,10 +74,6 @@ class LuGreFriction(MemoryForceEffect):
     def force(self, memory: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """-F_c z - sigma_1 d dz/dt."""
         return -values["F_c"] * memory - values["sigma_1"] * self.slip(memory, velocity, values)
-
-    def phrase(self, on: str) -> str:
-        """Named after the towns of its authors."""
-        return f"LuGre friction at the {on}"
 
     def describe(self, on: str, quoted: Quoted) -> str:
         """Its level, its peak and its distance."""

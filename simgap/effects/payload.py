@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from simgap.effects.base import PLANT, AppliedEffect, Effect, EffectParameter, Values
-from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
@@ -21,6 +20,8 @@ class Payload(Effect):
     """
 
     name = "payload"
+    short = "a payload on the {on}"
+    long = "a payload of {m_p} on the {on}, {r} from its joint"
     kind = "plant"
     several_valleys = True
     needs = "a link from a URDF of one or two joints that has a mass, a centre of mass and an inertia"
@@ -83,14 +84,6 @@ class Payload(Effect):
         if turn <= 0.0 or slow <= 0.0:
             return None
         return frozenset(own), {"m_p": turn**2 / slow, "r": slow / turn}
-
-    def phrase(self, on: str) -> str:
-        """On its link."""
-        return f"a payload on the {on}"
-
-    def describe(self, on: str, quoted: Quoted) -> str:
-        """Its mass and its place."""
-        return f"a payload of {quoted.number('m_p')} on the {on}, {quoted.number('r')} from its joint"
 
 
 def _centre(model: SymbolicModel, link: str) -> dict[str, str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from simgap.effects.base import CoordinateEffect, EffectParameter, MjcfPlace, Values
-from simgap.effects.quoted import Quoted
 from simgap.late import sympy as sp
 
 
@@ -11,6 +10,7 @@ class QuadraticDrag(CoordinateEffect):
     """Resistance of a fluid at high Reynolds number."""
 
     name = "quadratic_drag"
+    long = "quadratic drag of {c} at the {on}"
     formula = "F = -c v |v|"
     source = "Batchelor (1967), An Introduction to Fluid Dynamics, sec. 5.11"
     excitation = "vary the speed, including slow motion"
@@ -20,7 +20,3 @@ class QuadraticDrag(CoordinateEffect):
     def force(self, position: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """-c v |v|."""
         return -values["c"] * velocity * sp.Abs(velocity)
-
-    def describe(self, on: str, quoted: Quoted) -> str:
-        """Its coefficient."""
-        return f"quadratic drag of {quoted.number('c')} at the {on}"

@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import TypeAlias
 
 from simgap.effects.base import PLANT, CoordinateTarget, EffectParameter, MjcfPlace, Values
-from simgap.effects.quoted import Quoted
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
 
@@ -21,6 +20,7 @@ class ReflectedInertia(CoordinateTarget):
     """
 
     name = "reflected_inertia"
+    long = "a reflected inertia of {I} at the {on}"
     formula = "M' = M + I e e^T, e the coordinate"
     source = "Siciliano et al. (2009), Robotics, sec. 7.2.1 (rotor inertia times the gear ratio squared)"
     rank = PLANT + 40
@@ -40,7 +40,3 @@ class ReflectedInertia(CoordinateTarget):
 
         columns = {name: slowed(other) for name, other in model.force_map.items()}
         return replace(model, xdot=slowed(model.xdot), force_map=columns)
-
-    def describe(self, on: str, quoted: Quoted) -> str:
-        """Its size."""
-        return f"a reflected inertia of {quoted.number('I')} at the {on}"

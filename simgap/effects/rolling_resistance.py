@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from simgap.effects.base import PLANT, EffectParameter, Values, WheelEffect
-from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start, multiple
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
@@ -19,10 +18,10 @@ class RollingResistance(WheelEffect):
     """
 
     name = "rolling_resistance"
-    kind = "plant"
+    short = "rolling resistance of the wheels"
+    long = "rolling resistance that takes {loss} from the speed of each wheel"
     second = True
     resembles = ("input_dead_zone", "input_bias", "input_gain")
-    needs = "a planar robot on two driven wheels (plant.symbolic.wheels)"
     formula = "s' = sign(s) max(|s| - loss, 0) for both wheels, s = v + w L/2 and v - w L/2, L the track"
     source = (
         "Wong (2008), Theory of Ground Vehicles, sec. 1.2 (rolling resistance); the rest is the balance of the loop"
@@ -30,10 +29,6 @@ class RollingResistance(WheelEffect):
     rank = PLANT + 35
     excitation = "drive slowly and fast, turn on the spot and drive backwards"
     parameters = (EffectParameter("loss", "{input}", "speed that each wheel loses at its rim", null=0.0, lower=0.0),)
-
-    def targets(self, model: SymbolicModel) -> tuple[str, ...]:
-        """The plant, if it is a planar robot on two driven wheels."""
-        return ("plant",) if model.wheels is not None else ()
 
     def units(self, model: SymbolicModel, on: str) -> dict[str, str]:
         """The unit of the commanded speed."""
@@ -64,14 +59,6 @@ class RollingResistance(WheelEffect):
         if model.wheels is None:
             return ()
         return tuple(s - sp.Float(side * values["loss"]) for s in _speeds(model) for side in (-1.0, 1.0))
-
-    def phrase(self, on: str) -> str:
-        """It is on both wheels."""
-        return "rolling resistance of the wheels"
-
-    def describe(self, on: str, quoted: Quoted) -> str:
-        """What each wheel loses."""
-        return f"rolling resistance that takes {quoted.number('loss')} from the speed of each wheel"
 
 
 def _speeds(model: SymbolicModel) -> tuple[sp.Expr, ...]:

@@ -16,6 +16,7 @@ class SensorGain(Effect):
     """The sensor reads a multiple of the state: counts of an encoder, a belt, a potentiometer, a calibration."""
 
     name = "sensor_gain"
+    short = "the gain of the sensor of {on}"
     kind = "state"
     second = True
     resembles = ("input_gain",)
@@ -44,10 +45,6 @@ class SensorGain(Effect):
             return None
         ratio = found[gains[0]].values["ratio"]
         return (frozenset(gains), {"ratio": ratio}) if ratio > 0.0 and is_linear(model) else None
-
-    def phrase(self, on: str) -> str:
-        """Named by its sensor."""
-        return f"the gain of the sensor of {on}"
 
     def describe(self, on: str, quoted: Quoted) -> str:
         """How far it is off."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from simgap.effects.base import SENSOR, Effect, EffectParameter, Values
-from simgap.effects.quoted import Quoted
 from simgap.model.symbolic import SymbolicModel, symbol
 
 
@@ -11,6 +10,8 @@ class SensorOffset(Effect):
     """The sensor reads the state plus a constant."""
 
     name = "sensor_offset"
+    short = "an offset of the sensor of {on}"
+    long = "a sensor of {on} that reads {offset} too much"
     kind = "state"
     formula = "y = x + offset"
     source = "Ljung (1999), System Identification, sec. 14.1"
@@ -29,11 +30,3 @@ class SensorOffset(Effect):
     def units(self, model: SymbolicModel, on: str) -> dict[str, str]:
         """The unit of the state."""
         return {"offset": next(v.unit for v in model.states if v.name == on)}
-
-    def phrase(self, on: str) -> str:
-        """Named by its sensor."""
-        return f"an offset of the sensor of {on}"
-
-    def describe(self, on: str, quoted: Quoted) -> str:
-        """By how much it reads too much."""
-        return f"a sensor of {on} that reads {quoted.number('offset')} too much"

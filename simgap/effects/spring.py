@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from simgap.effects.base import CoordinateEffect, EffectParameter, MjcfPlace, Values
-from simgap.effects.quoted import Quoted
 from simgap.late import sympy as sp
 
 
@@ -11,6 +10,7 @@ class Spring(CoordinateEffect):
     """An elastic element, a cable or a hose that pulls back to zero."""
 
     name = "spring"
+    long = "a spring of {k} at the {on}"
     formula = "F = -k q"
     source = "Hooke's law"
     pulls_to_a_place = True
@@ -21,7 +21,3 @@ class Spring(CoordinateEffect):
     def force(self, position: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """-k q."""
         return -values["k"] * position
-
-    def describe(self, on: str, quoted: Quoted) -> str:
-        """Its stiffness."""
-        return f"a spring of {quoted.number('k')} at the {on}"

@@ -18,6 +18,7 @@ class StribeckFriction(CoordinateEffect):
     """Dry friction that is larger near rest and falls to the Coulomb level as speed grows."""
 
     name = "stribeck_friction"
+    short = "Stribeck friction at the {on}"
     contains = CoulombFriction
     formula = "F = -(F_c + (F_s - F_c) exp(-(v/v_s)^2)) sign(v), and any |F| <= F_s that keeps v = 0"
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7), eq. 2"
@@ -54,10 +55,6 @@ class StribeckFriction(CoordinateEffect):
         velocity = symbol(model.coordinate(on).velocity)
         speeds = [share * values["v_s"] for share in _FLANK]
         return (velocity, *(velocity - sp.Float(side * speed) for speed in speeds for side in (-1.0, 1.0)))
-
-    def phrase(self, on: str) -> str:
-        """A person's name is written with a capital."""
-        return f"Stribeck friction at the {on}"
 
     def describe(self, on: str, quoted: Quoted) -> str:
         """Both its levels."""

@@ -21,6 +21,7 @@ class TorqueSpeedLimit(DriveEffect):
     """
 
     name = "torque_speed_limit"
+    short = "the torque-speed limit of {on}"
     passes_a_constant = False
     contains = InputSaturation
     second = True
@@ -60,10 +61,6 @@ class TorqueSpeedLimit(DriveEffect):
             return ()
         reached = symbol(on) + sp.Float(values["k"]) * self.speed(model, on)
         return tuple(reached - sp.Float(side * values["T_s"]) for side in (-1.0, 1.0))
-
-    def phrase(self, on: str) -> str:
-        """Named by its drive."""
-        return f"the torque-speed limit of {on}"
 
     def describe(self, on: str, quoted: Quoted) -> str:
         """Its value at rest and its slope."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from simgap.effects.base import CoordinateEffect, EffectParameter, MjcfPlace, Values
-from simgap.effects.quoted import Quoted
 from simgap.late import sympy as sp
 
 
@@ -11,6 +10,7 @@ class ViscousFriction(CoordinateEffect):
     """Resistance proportional to speed."""
 
     name = "viscous_friction"
+    long = "viscous friction of {b} at the {on}"
     formula = "F = -b v"
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7), sec. 2"
     excitation = "vary the speed, including slow motion"
@@ -21,7 +21,3 @@ class ViscousFriction(CoordinateEffect):
     def force(self, position: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """-b v."""
         return -values["b"] * velocity
-
-    def describe(self, on: str, quoted: Quoted) -> str:
-        """Its coefficient."""
-        return f"viscous friction of {quoted.number('b')} at the {on}"

@@ -13,16 +13,11 @@ class WheelMismatch(WheelEffect):
     """The right wheel of a differential drive is larger or smaller than declared, the left one is as declared."""
 
     name = "wheel_mismatch"
-    kind = "plant"
-    needs = "a planar robot on two driven wheels (plant.symbolic.wheels)"
+    short = "unequal wheels"
     formula = "v' = (r (v + w L/2) + (v - w L/2))/2, w' = (r (v + w L/2) - (v - w L/2))/L, L the track, r the ratio"
     source = "Borenstein, Feng (1996), IEEE Trans. Robotics and Automation 12(6), unequal wheel diameters"
     rank = PLANT + 20
     parameters = (EffectParameter("ratio", "1", "true over declared radius of the right wheel", null=1.0, lower=0.0),)
-
-    def targets(self, model: SymbolicModel) -> tuple[str, ...]:
-        """The plant, if it is a planar robot on two driven wheels."""
-        return ("plant",) if model.wheels is not None else ()
 
     def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
         """Turn the commands into wheel speeds and back with the true radii."""
@@ -38,10 +33,6 @@ class WheelMismatch(WheelEffect):
     def turned(self, left: float, right: float, values: Mapping[str, float]) -> tuple[float, float]:
         """The right wheel alone."""
         return left, values["ratio"] * right
-
-    def phrase(self, on: str) -> str:
-        """It is on the whole robot."""
-        return "unequal wheels"
 
     def describe(self, on: str, quoted: Quoted) -> str:
         """How far the right wheel is off."""

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.search import columns
 from simgap.diagnosis.simulation.coarse import coarse
+from simgap.diagnosis.simulation.parts import parts_of
 from tests.diagnosis.plants import point_pendulum
 from tests.undeclared.rig import robot
 from tests.undeclared.test_robot import _declared

@@ -14,10 +14,10 @@ from simgap.diagnosis.experiment.beside import beside
 from simgap.diagnosis.experiment.propose import Wave, random_wave, tried, waves
 from simgap.diagnosis.experiment.rivals import known_rivals, margins
 from simgap.diagnosis.experiment.words import paragraph
-from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.record.conditions import conditioned
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
+from simgap.diagnosis.simulation.parts import parts_of
 from simgap.effects import AppliedEffect
 from simgap.excitation import multisine
 from simgap.geometry import Box

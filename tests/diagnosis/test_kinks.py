@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.search.watch import Watch
 from simgap.diagnosis.seek import begun
+from simgap.diagnosis.simulation.parts import parts_of
 from simgap.model.symbolic import Coordinate, Parameter, SymbolicModel, Variable, symbol
 
 R, L, K, J, B, DRY = 1.0, 1.1e-3, 0.05, 5e-4, 1e-4, 0.011

@@ -10,7 +10,7 @@ from simgap.config.load import parse_case
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
-from simgap.diagnosis.search.barred import barred
+from simgap.diagnosis.search.scoring import barred
 from simgap.errors import UserError
 from simgap.plants.plant_model import PlantModel
 from simgap.stages.check import run as check

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from simgap.diagnosis.diagnose import diagnose
-from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.record.folds import Windows, cut_at, left_out
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
@@ -16,6 +15,7 @@ from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.search.watch import Watch
 from simgap.diagnosis.seek import begun, under_its_law
 from simgap.diagnosis.simulation.initial import initial_states
+from simgap.diagnosis.simulation.parts import parts_of
 from simgap.diagnosis.verdict.faults import gross_spans
 from simgap.diagnosis.verdict.words import verdict_parts
 from tests.diagnosis.plants import block

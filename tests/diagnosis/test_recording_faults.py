@@ -7,7 +7,6 @@ import pytest
 from scipy.signal import lfilter
 
 from simgap.diagnosis.diagnose import diagnose
-from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.record.faults.columns import SwappedColumns
 from simgap.diagnosis.record.faults.hum import Hum
 from simgap.diagnosis.record.faults.registry import READINGS, mended
@@ -17,6 +16,7 @@ from simgap.diagnosis.search.columns import better_columns
 from simgap.diagnosis.search.noise_colour import _law
 from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.colour import Colour, whiten
+from simgap.diagnosis.simulation.parts import parts_of
 from tests.diagnosis import rigs
 from tests.undeclared.counted import counted_model, counted_record
 from tests.undeclared.nominals import nominal, record

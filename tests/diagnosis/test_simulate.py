@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.simulation.initial import initial_states
+from simgap.diagnosis.simulation.parts import parts_of
 from simgap.diagnosis.simulation.step_length import resolved
 from tests.diagnosis.plants import block, one_window, point_pendulum, stopping, with_effect
 

@@ -9,10 +9,10 @@ import pytest
 
 from simgap.diagnosis.conclude import steps
 from simgap.diagnosis.diagnose import diagnose
-from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.search.watch import Watch
 from simgap.diagnosis.seek import begun
+from simgap.diagnosis.simulation.parts import parts_of
 from simgap.diagnosis.simulation.sensitivity import with_values
 from tests.diagnosis.plants import block
 from tests.diagnosis.test_watch import EFFECTS, _record

@@ -10,11 +10,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from simgap.config.measured import MeasuredSection
-from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.record.conditions import Known, conditioned, under_conditions
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.simulation.initial import initial_states
+from simgap.diagnosis.simulation.parts import parts_of
 from simgap.diagnosis.simulation.sensitivity import choose_step, with_values
 from simgap.diagnosis.verdict.judge import judge
 from simgap.errors import UserError

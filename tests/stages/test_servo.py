@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.record.conditions import Known, conditioned, under_conditions
 from simgap.diagnosis.result import DiagnosisSettings, WindowPrediction
 from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.simulation.initial import initial_states
+from simgap.diagnosis.simulation.parts import parts_of
 from simgap.diagnosis.simulation.sensitivity import choose_step, with_values
 from simgap.diagnosis.verdict.remainder import bound_remainder
 from simgap.diagnosis.verdict.transitions import held, seen, transitions, within

@@ -10,9 +10,9 @@ import yaml
 from scipy.integrate import solve_ivp
 
 from simgap.config.load import load_case
-from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.record.conditions import conditioned, under_conditions
 from simgap.diagnosis.result import DiagnosisSettings
+from simgap.diagnosis.simulation.parts import parts_of
 from simgap.diagnosis.simulation.sensitivity import with_values
 from simgap.errors import UserError
 from simgap.io.recordings.measured import load_reading

@@ -17,13 +17,13 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.diagnosis.experiment.rivals import Bench, Explained, Known, margin, members, translated
-from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.search.scoring import column, list_starts, small_amplitude
 from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.initial import initial_states
+from simgap.diagnosis.simulation.parts import parts_of
 from simgap.diagnosis.simulation.sensitivity import Direction, linearise, scaled, slot_direction
 from simgap.diagnosis.simulation.supermodel import SuperModel
 from simgap.distributions import norm

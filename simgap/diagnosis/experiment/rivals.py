@@ -19,7 +19,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from simgap.arrays import Bools, Floats
-from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.record.folds import Windows
 from simgap.diagnosis.record.noise import weights
 from simgap.diagnosis.record.record import Record, Trace
@@ -28,6 +27,7 @@ from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.initial import initial_states
+from simgap.diagnosis.simulation.parts import parts_of
 from simgap.diagnosis.simulation.problem import Problem, build_problem
 from simgap.diagnosis.simulation.sensitivity import choose_step, linearise, slot_direction, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate, SuperModel

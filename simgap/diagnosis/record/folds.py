@@ -8,7 +8,7 @@ Friedman (2009), The Elements of Statistical Learning, sec. 7.2.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -41,6 +41,16 @@ class Windows:
 
     def __len__(self) -> int:
         return len(self.start)
+
+    @staticmethod
+    def of(rows: Iterable[tuple[int, int, int, int]]) -> Windows:
+        """Windows of (start, stop, first, trace) each; those of fewer samples than `MIN_SAMPLES` are left out."""
+        kept = [row for row in rows if row[1] - row[0] >= MIN_SAMPLES]
+        return Windows(*np.ascontiguousarray(np.array(kept, dtype=np.int64).reshape(-1, 4).T))
+
+    def __iter__(self) -> Iterator[tuple[int, int, int, int]]:
+        each = (self.start, self.stop, self.first, self.trace)
+        return zip(*(column.tolist() for column in each), strict=True)
 
     def pick(self, which: Bools | Ints) -> Windows:
         """Some of the windows: by a mask (w,) or by their numbers."""
@@ -85,15 +95,16 @@ def split_windows(record: Record, seconds: float) -> Windows:
             bounds = [0, *edges.tolist(), n]
             for a, b in itertools.pairwise(bounds):
                 known = [(0, b - a)] if trace.told is None else runs(trace.told[a:b])
-                rows += [(base + a + i, base + a + j, base, index) for i, j in known if j - i >= MIN_SAMPLES]
+                rows += [(base + a + i, base + a + j, base, index) for i, j in known]
         base += n
-    if not rows:
+    windows = Windows.of(rows)
+    if not len(windows):
         longest = max((trace.duration for trace in record.traces), default=0.0)
         raise UserError(
             f"no trace is as long as a window of {seconds:g} s (the longest lasts {longest:.3g} s)",
             remedy="Give longer traces or set measured.window_s to less.",
         )
-    return Windows(*np.ascontiguousarray(np.array(rows, dtype=np.int64).T))
+    return windows
 
 
 Span = tuple[int, float, float]
@@ -106,31 +117,27 @@ def left_out(windows: Windows, t: Floats, spans: tuple[Span, ...]) -> Windows:
     All are kept as they are if none would be left. t: (n,) s.
     """
     rows = []
-    for a, b, first, trace in zip(windows.start, windows.stop, windows.first, windows.trace, strict=True):
+    for a, b, first, trace in windows:
         own = np.ones(b - a, dtype=bool)
         for which, begin, end in spans:
             if which == trace:
                 own &= (t[a:b] < begin) | (t[a:b] >= end)
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], own.astype(np.int8), [0]])))
-        parts = [(a + i, a + j, first, trace) for i, j in zip(edges[::2], edges[1::2], strict=True)]
-        rows += [row for row in parts if row[1] - row[0] >= MIN_SAMPLES]
-    if not rows:
-        return windows
-    return Windows(*np.ascontiguousarray(np.array(rows, dtype=np.int64).T))
+        rows += [(a + i, a + j, first, trace) for i, j in runs(own)]
+    found = Windows.of(rows)
+    return found if len(found) else windows
 
 
 def cut_at(windows: Windows, t: Floats, spans: tuple[Span, ...]) -> Windows:
     """The windows, cut where a time begins and where it ends if the parts are long enough; t: (n,) s."""
     rows = []
-    for a, b, first, trace in zip(windows.start, windows.stop, windows.first, windows.trace, strict=True):
-        edges = [int(a)]
+    for a, b, first, trace in windows:
+        edges = [a]
         ends = sorted(end for k, *both in spans if k == trace for end in both)
         for cut in (a + np.searchsorted(t[a:b], ends)).tolist():
             if min(cut - edges[-1], b - cut) >= MIN_SAMPLES:
                 edges.append(cut)
-        rows += [(i, j, first, trace) for i, j in itertools.pairwise([*edges, int(b)])]
-    table = np.array(rows, dtype=np.int64)
-    return Windows(*(np.ascontiguousarray(table[:, j]) for j in range(4)))
+        rows += [(i, j, first, trace) for i, j in itertools.pairwise([*edges, b])]
+    return Windows.of(rows)
 
 
 def joined(windows: Windows) -> Windows:

@@ -10,7 +10,8 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.diagnosis.record.faults.measurement import ReadingFault
-from simgap.diagnosis.search.explanations import Explanation, Key, Search
+from simgap.diagnosis.result import Key
+from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import EQUIVALENT_CHI2
 from simgap.diagnosis.simulation.sensitivity import scaled, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate

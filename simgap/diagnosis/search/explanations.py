@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 
 from simgap.arrays import Floats
+from simgap.diagnosis.result import Key
 from simgap.diagnosis.search.confidence import at_noise, misfit
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.scoring import Score, Screen, Starts, best_of_each, score, screen
@@ -18,7 +19,6 @@ from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY, OUT_OF_SIGHT, WIDTH
 from simgap.notation import joined
 
-Key = tuple[str, str]
 SAME, SAME_PROMISE = 0.1, 1e-5
 """Fits whose chi^2, or BIC, differ by less are one; candidates whose promised drops differ by a smaller share are one
 direction, refitted once."""

@@ -6,6 +6,7 @@ import math
 from collections import OrderedDict
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from simgap.diagnosis.simulation.supermodel import SuperModel
 from simgap.diagnosis.simulation.trains import twists, twists_by_torque
 from simgap.late import njit
 
+T = TypeVar("T")
 Drive = tuple[Floats, Floats, Floats, Floats]
 _FADED = 5.0  # time constants of a lag after which what was commanded before has faded (e^-5 < 0.01)
 _REMEMBERED = 8
@@ -27,25 +29,31 @@ _LARGE = 1e9
 _TURN = 0.6  # of a step, rad, where a motor swings against its link
 
 
-class Memo(OrderedDict[bytes, Drive]):
-    """The inputs of the last few parameter vectors: a pass over chunks of windows asks for the same ones again.
+class Recent(OrderedDict[bytes, T]):
+    """The last few values that were asked for: a pass over chunks of windows asks for the same ones again."""
 
-    `speeds`: how the coordinates moved before the windows, for effects that remember it; `links`: place and speed of
-    those with a motor behind them; `twists`: of the motors against these under the last few laws; `memories`: what
-    these effects remember at every stamp, under the last few of their numbers.
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.speeds: Floats | None = None
-        self.links: dict[int, tuple[Floats, Floats]] = {}
-        self.twists: OrderedDict[bytes, Floats] = OrderedDict()
-        self.memories: OrderedDict[bytes, Floats] = OrderedDict()
-
-    def __setitem__(self, key: bytes, value: Drive) -> None:
+    def __setitem__(self, key: bytes, value: T) -> None:
         super().__setitem__(key, value)
         while len(self) > _REMEMBERED:
             self.popitem(last=False)
+
+
+@dataclass(eq=False)
+class Memo:
+    """What belongs to the record and a few parameters, and is made once.
+
+    Attributes:
+        drives: the inputs under the last parameter vectors.
+        speeds: how the coordinates moved before the windows, for effects that remember it.
+        links: place and speed of those with a motor behind them; twists: of the motors against these.
+        memories: what effects that remember the motion hold at every stamp.
+    """
+
+    drives: Recent[Drive] = field(default_factory=Recent)
+    speeds: Floats | None = None
+    links: dict[int, tuple[Floats, Floats]] = field(default_factory=dict)
+    twists: Recent[Floats] = field(default_factory=Recent)
+    memories: Recent[Floats] = field(default_factory=Recent)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +87,7 @@ class Problem:
     weight: Floats
     colour: Colour | None = None
     usual: Floats | None = None
-    memo: Memo = field(default_factory=lambda: Memo())
+    memo: Memo = field(default_factory=Memo)
 
     def on(self, windows: Windows) -> Problem:
         """The same data and model on other windows."""
@@ -207,8 +215,6 @@ class Problem:
         key, kept = theta[list(self.model.past_slots)].tobytes(), self.memo.memories
         if key not in kept:
             kept[key] = memories(self.model, theta, self.t, self._speeds(), self.firsts)
-            while len(kept) > _REMEMBERED:
-                kept.popitem(last=False)
         return kept[key]
 
     def _twists(self, k: int, theta: Floats) -> Floats:
@@ -230,8 +236,6 @@ class Problem:
                 else:
                     twists(self.t, q, v, felt, law[:-1], self.firsts, out)
             memo.twists[key] = out
-            while len(memo.twists) > _REMEMBERED:
-                memo.twists.popitem(last=False)
         return memo.twists[key]
 
     def _felt(self, theta: Floats, inputs: tuple[int, ...]) -> Floats:
@@ -295,9 +299,9 @@ class Problem:
     def _drive(self, theta: Floats) -> Drive:
         """Level, excess, delay and lag of the inputs; kept while the parameters of the inputs stay the same."""
         key = theta[list(self.model.input_slots)].tobytes()
-        if key not in self.memo:
-            self.memo[key] = self._make_drive(theta)
-        return self.memo[key]
+        if key not in self.memo.drives:
+            self.memo.drives[key] = self._make_drive(theta)
+        return self.memo.drives[key]
 
     def _make_drive(self, theta: Floats) -> Drive:
         level = np.empty_like(self.u)

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from simgap.diagnosis.record.faults.measurement import effect_or_fault
+from simgap.diagnosis.record.faults.measurement import effect_or_fault, is_fault
 from simgap.diagnosis.result import Alternative, CandidateScore, Collinear, Estimate, FoundEffect, Key, WindowPrediction
 from simgap.diagnosis.search.confidence import chi2_dof, degrees_of_freedom, interval, standard_errors
 from simgap.diagnosis.search.equivalence import Rival
@@ -31,8 +31,7 @@ def parameter_values(c: Candidate, at: Fit) -> dict[str, float]:
 
 def applied(found: Explanation) -> tuple[AppliedEffect, ...]:
     """The effects with their numbers, faults of the recording apart."""
-    plant = [c for c in found.members if not c.of_recording]
-    return tuple(AppliedEffect(c.effect.name, c.on, parameter_values(c, found.fit)) for c in plant)
+    return tuple(a for a in whole_set(found) if not is_fault(a.name))
 
 
 def whole_set(found: Explanation) -> tuple[AppliedEffect, ...]:

@@ -7,14 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from simgap.diagnosis.record.faults.measurement import FilteredVelocity
-from simgap.diagnosis.record.faults.noise import ColouredNoise, FaintMemory, Push
+from simgap.diagnosis.record.faults.noise import ColouredNoise, Push
 from simgap.diagnosis.record.folds import Span
 from simgap.diagnosis.result import RecordingFault
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.gross_errors import are_gross
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.thresholds import BRIEF_S, SEVERAL
+from simgap.diagnosis.thresholds import BRIEF_S, MOST, SEVERAL
 from simgap.notation import joined
 
 
@@ -61,7 +61,7 @@ def filtered_channels(search: Search, found: Explanation) -> tuple[RecordingFaul
 def faint_memory(problem: Problem) -> tuple[str, ...]:
     """Channels of which a part of the noise alone remembers."""
     shares = () if problem.colour is None else zip(problem.model.measured, problem.colour.shared, strict=True)
-    return tuple(name for name, share in shares if FaintMemory().is_in(float(share)))
+    return tuple(name for name, share in shares if 0.0 < share < MOST)
 
 
 def noise_faults(problem: Problem) -> list[RecordingFault]:

@@ -17,9 +17,7 @@ from simgap.diagnosis.record.faults.base import Fault
 from simgap.diagnosis.result import FoundEffect, RecordingFault
 from simgap.effects import EFFECTS, Effect, EffectParameter, MemoryInputEffect, effect
 from simgap.effects.base import COMMAND, SENSOR, Kind, Values
-from simgap.effects.quoted import Quoted
 from simgap.effects.sensor_gain import is_linear
-from simgap.effects.start import Scales, Start, multiple
 from simgap.late import njit
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
@@ -30,27 +28,6 @@ class FittedFault(Fault, Effect):
 
     told_as: ClassVar[str] = ""
     """Under which name a person reads it, if not its own."""
-    short: ClassVar[str]
-    """Named by its channel, `{}`."""
-    long: ClassVar[str]
-    """The same with its number, the second `{}`."""
-    begin: ClassVar[tuple[float, ...] | None] = None
-    """Sampling intervals from which a search begins; None: from the derivative where there is none of it."""
-
-    def starts(self, scales: Scales) -> tuple[Start, ...]:
-        """A few multiples of the sampling interval."""
-        if self.begin is None:
-            return Effect.starts(self, scales)
-        return tuple(multiple(self.parameters[0].symbol, k * scales.interval) for k in self.begin)
-
-    def phrase(self, on: str) -> str:
-        """Named by its channel."""
-        return self.short.format(on)
-
-    def describe(self, on: str, quoted: Quoted) -> str:
-        """With its number, times in milliseconds."""
-        (p,) = self.parameters
-        return self.long.format(on, quoted.number(p.symbol, 1e3, "ms") if p.unit == "s" else quoted.number(p.symbol))
 
     def fitted(self, found: FoundEffect) -> RecordingFault:
         """The finding, with its number."""
@@ -67,7 +44,7 @@ class LateLog(FittedFault, MemoryInputEffect):
     """
 
     name = "late_log"
-    short, long = "a late log of {}", "{} that is logged {} late"
+    short, long = "a late log of {on}", "{on} that is logged {late} late"
     begin = (0.5, 2.0, 6.0)
     unit = "s"
     remedy = "Log {} with the stamp of the instant at which it acts, or shift its column by that much."
@@ -120,7 +97,7 @@ class Drift(ReadingFault):
     """
 
     name = "drift"
-    short, long = "a drift of the sensor of {}", "a sensor of {} that drifts by {}"
+    short, long = "a drift of the sensor of {on}", "a sensor of {on} that drifts by {rate}"
     remedy = "Zero the sensor of {} before each run, or subtract the ramp."
     formula = "y(t) = x(t) + rate t"
     source = "Ljung (1999), System Identification, sec. 14.1"
@@ -144,7 +121,7 @@ class FilteredVelocity(ReadingFault):
 
     name = "filtered_velocity"
     channels = "velocity"
-    short, long = "a filter on {}", "{} that was filtered over {}"
+    short, long = "a filter on {on}", "{on} that was filtered over {lag}"
     begin = (1.0, 4.0)
     unit = "s"
     remedy = "Log {} before its filter, or leave its column out."
@@ -173,7 +150,7 @@ class FilteredReading(ReadingFault):
 
     name = "filtered_reading"
     channels = "position"
-    short, long = "a slow sensor or a filter of {}", "{} that was filtered over {}"
+    short, long = "a slow sensor or a filter of {on}", "{on} that was filtered over {lag}"
     begin = ()
     unit = "s"
     remedy = "Log {} before its filter; of a slow sensor allow for the lag wherever it is fed back."
@@ -206,7 +183,7 @@ class LateReading(ReadingFault):
     """
 
     name = "late_reading"
-    short, long = "a late log of {}", "{} that is logged {} later than the other channels"
+    short, long = "a late log of {on}", "{on} that is logged {late} later than the other channels"
     begin = (0.5, 2.0)
     told_as = "late_log"
     unit = "s"

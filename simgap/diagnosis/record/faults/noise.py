@@ -7,7 +7,6 @@ from collections.abc import Iterable
 from simgap.diagnosis.record.faults.base import Fault
 from simgap.diagnosis.record.faults.measurement import Drift
 from simgap.diagnosis.result import RecordingFault
-from simgap.diagnosis.thresholds import MOST
 
 
 class ColouredNoise(Fault):
@@ -45,10 +44,6 @@ class FaintMemory(Fault):
     """
 
     name = "faint_memory"
-
-    def is_in(self, share: float) -> bool:
-        """Whether it is this share (of the variance) that remembers."""
-        return 0.0 < share < MOST
 
 
 class Push(Fault):
