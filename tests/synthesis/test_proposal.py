@@ -124,6 +124,22 @@ def test_postures_that_do_not_rest_are_refused_with_what_moves():
     assert held.rate == pytest.approx(np.sqrt(14.715 * np.cos(0.5)))
 
 
+def test_a_posture_is_solved_for_what_is_not_named():
+    """A magnet holds .05 kg at 6 mm with i = z sqrt(m g / k); a current that is named moves by 2 % at most."""
+    v, i, z, e = (symbol(n) for n in ("v", "i", "z", "e"))
+    levitation = SymbolicModel(
+        (Variable("z", "m"), Variable("v", "m/s"), Variable("i", "A")), (Variable("e", "V"),), {},
+        (v, 9.81 - 6.53e-5 / 0.05 * i**2 / z**2, (e - 10.0 * i) / 0.4), (Coordinate("ball", "z", "v"),),
+    )  # fmt: skip
+    holds = 0.006 * np.sqrt(0.05 * 9.81 / 6.53e-5)
+    for at in ({"z": 0.006}, {"z": 0.006, "i": 0.521}):
+        found = posture_of(levitation, at)
+        np.testing.assert_allclose(found.x, [0.006, 0.0, holds], atol=1e-9)
+        assert found.u[0] == pytest.approx(10.0 * holds)
+    with pytest.raises(UserError, match=r"It rests at z=0.006, i=0.520013"):
+        posture_of(levitation, {"z": 0.006, "i": 0.9})
+
+
 def test_an_input_that_moves_nothing_is_named():
     model = pendulum(push=0.0)
     with pytest.raises(UserError, match="u moves nothing at this posture") as refused:
