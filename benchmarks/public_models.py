@@ -227,7 +227,8 @@ def page(rows: list[dict[str, Any]]) -> str:
             if r.get("runs"):
                 became = f"case of {r['joints']}, wins {r['won']:.3f}, {r['violations']} of {r['runs']} runs failed"
             elif r.get("ran"):
-                became = f"case of {r['joints']}, no controller: {r['ran']}"
+                first = r["ran"].removeprefix("simgap: mine.yaml: ").split(". ")[0]
+                became = f"case of {r['joints']}, no controller: {first}"
         why = re.sub(r"\s+", " ", r["why"]).replace("|", "\\|").replace("<", "&lt;")[:220]
         right = "yes" if r["good"] else "**no**"
         own = [

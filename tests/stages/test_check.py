@@ -18,6 +18,7 @@ from simgap.lint.controller import refuse_specification
 from simgap.lint.gap import find_jumps_at_rest, refuse_basis
 from simgap.model.sampled import NominalModel
 from simgap.plants.context import Context
+from simgap.simulators.base import Simulator
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
 from simgap.stages import check, grid, synthesis
@@ -293,23 +294,26 @@ def test_one_input_a_cell_is_refused_before_anything_runs_where_it_cannot_be_kep
     assert refused.value.key == "synthesis.record"
 
 
+class Twin(Simulator):
+    """A simulator of which only the time of its roll-outs matters."""
+
+    def reset(self, x):
+        raise NotImplementedError
+
+    advance = reset
+
+
 @pytest.mark.parametrize(("rests", "least", "most"), [([0.01], 0.01, 0.02), ([0.0, 0.05, 0.0], 0.0, 0.01)])
 def test_what_an_engine_costs_is_not_what_a_busy_machine_makes_of_it(monkeypatch, rests, least, most):
     """Waiting in every roll-out is the engine's; in some, it is others that run meanwhile."""
 
-    class Slow:
+    class Slow(Twin):
         calls = 0
 
         def rollouts(self, x, u):
             for _ in x:
                 time.sleep(rests[self.calls % len(rests)])
                 self.calls += 1
-
-        def loaded(self):
-            return {}
-
-        def close(self):
-            pass
 
     monkeypatch.setattr("simgap.simulators.rollouts.make_simulator", lambda case, folder: Slow())
     _, seconds = engine.ask_engine(None, None, np.zeros((3, 2)), np.zeros((3, 1)))
@@ -319,17 +323,11 @@ def test_what_an_engine_costs_is_not_what_a_busy_machine_makes_of_it(monkeypatch
 def test_what_an_engine_costs_is_that_of_many_rollouts_at_once(monkeypatch):
     """As the stages ask for them: what is spent once a call is shared."""
 
-    class Vectorised:
+    class Vectorised(Twin):
         def rollouts(self, x, u):
             end = time.process_time() + 2e-3
             while time.process_time() < end:
                 pass
-
-        def loaded(self):
-            return {}
-
-        def close(self):
-            pass
 
     monkeypatch.setattr("simgap.simulators.rollouts.make_simulator", lambda case, folder: Vectorised())
     _, seconds = engine.ask_engine(None, None, np.zeros((3, 2)), np.zeros((3, 1)))
