@@ -134,7 +134,7 @@ FOUND = [
     ({"tail": '<actuator><motor name="m" joint="hinge" gear="5"/></actuator>'}, {}, "actuator 'm'", "5 of a command"),
     (
         {"tail": '<actuator><motor joint="hinge" ctrlrange="-1 1"/></actuator>'},
-        {}, "domain.U.u", "no more than 1;",
+        {}, "domain.U.u", "is limited to 1,",
     ),
 ]  # fmt: skip
 

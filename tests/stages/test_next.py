@@ -57,7 +57,7 @@ def test_the_proposed_recording_tells_what_the_first_could_not(tmp_path):
 
     said = stage.run(case, tmp_path / "found", tmp_path / "next", seconds=6.0)
     assert said["probability"] > 0.99
-    assert "cannot tell apart" in said["paragraph"]
+    assert "cannot separate" in said["paragraph"]
     assert (tmp_path / "next" / "next.png").stat().st_size > 0
     assert json.loads((tmp_path / "next" / "next.json").read_text())["paragraph"] == said["paragraph"]
     table = np.genfromtxt(tmp_path / "next" / "input.csv", delimiter=",", names=True)
