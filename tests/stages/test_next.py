@@ -91,7 +91,7 @@ def test_the_proposed_recording_tells_what_the_first_could_not(tmp_path):
         stage.write_json(tmp_path / "bad" / "diagnosis.json", {k: v for k, v in then.items() if k != "sha256"} | change)
         with pytest.raises(UserError, match=words):
             stage.run(case, tmp_path / "bad", tmp_path / "none")
-    with pytest.raises(UserError, match="no states"):
+    with pytest.raises(UserError, match="not states"):
         stage.run(case, tmp_path / "found", tmp_path / "none", start={"angle": 1.0})
     with pytest.raises(UserError, match="is too short"):
         stage.run(case, tmp_path / "found", tmp_path / "none", seconds=0.2)
