@@ -419,7 +419,7 @@ MUTANTS: list[Mutant] = [
     ),
     *_of(
         "gap/sampling/borders.py",
-        RANGES,
+        BORDERS,
         (
             "the upper side covers the lower end",
             "return self.upper if upper else -self.lower",

@@ -178,3 +178,19 @@ def test_a_gap_that_is_steep_beside_a_surface_alone_is_covered_there(basis):
     u = inputs[rng.integers(0, 2, 4000)]
     lower, upper = bound.bounds(x, u)
     assert np.all((lower <= gap(x, u)) & (gap(x, u) <= upper))
+
+
+@pytest.mark.parametrize("basis", [Blocks(kind="blocks", blocks=(5, 5)), Monomials(degree=1)])
+def test_both_ends_of_a_range_on_a_surface_are_covered(basis):
+    """What an engine spreads where the speed turns round, it spreads there alone."""
+    box, inputs = Box([-0.2, -0.5], [0.2, 0.5]), np.array([[-1.0], [1.0]])
+    grid, names = Grid(box, (20, 20)), (("a", "v"), ("u",))
+    beside = critical_points(GapDomain(*names, box, inputs), [V], [grid.axis(j) for j in range(2)])
+    own, flat = np.full((len(beside.x), 2), 0.05), np.zeros((grid.size, 2, 2))
+    directed = tuple(Directed(beside, -2.0 * own, own) for _ in range(2))
+    bound = fit_gap(GapSamples(grid, inputs, flat, *names, directed=directed), gap_section(basis=basis)).function
+    at = beside.x[np.abs(beside.x[:, 1]) < 1e-9]
+    assert len(at) > 20
+    for u in inputs:
+        lower, upper = bound.bounds(at, np.repeat(u[None], len(at), axis=0))
+        assert np.all((lower <= -0.1) & (upper >= 0.05))
