@@ -33,6 +33,7 @@ _POWER = re.compile(rf"\$\\mathdefault\{{(-?\d*(?:{re.escape(_TIMES)})?)(10)\^\{
 log = logging.getLogger(__name__)
 
 STYLE = "figures.mplstyle"
+_LEGEND = 0.95  # of a figure's width; letters are wider by up to a twentieth where dots are few
 
 
 @contextmanager
@@ -111,13 +112,16 @@ def drawn(make: Callable[[], Any], path: Path) -> str:
 
 
 def legend(figure: Any, named: Mapping[str, Any], ncols: int) -> None:
-    """A legend above the panels: handles by label, a tuple of them side by side."""
+    """A legend above the panels, no wider than they are: handles by label, a tuple of them side by side."""
     from matplotlib.legend_handler import HandlerTuple
 
-    figure.legend(
+    found = figure.legend(
         list(named.values()), list(named), loc="outside upper left", ncols=ncols, columnspacing=1.0,
         handler_map={tuple: HandlerTuple(None)},
     )  # fmt: skip
+    if ncols > 1 and found.get_window_extent().width > _LEGEND * figure.bbox.width:
+        found.remove()
+        legend(figure, named, ncols - 1)
 
 
 def close(figure: Any) -> None:

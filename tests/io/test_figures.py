@@ -252,3 +252,16 @@ def test_a_gap_is_shown_along_the_state_that_it_follows_and_never_along_a_free_o
     assert [axes.get_xlabel().split()[0] for axes in figure.axes[3:5]] == ["b", "c"]
     hull = figure.axes[0].collections
     assert len(hull) > 20  # a part of X each, and the samples
+
+
+@pytest.mark.parametrize("dots", [62, 170])
+def test_a_legend_is_no_wider_than_its_figure(dots):
+    import matplotlib.pyplot as plt
+
+    with style.figure_style():
+        figure, _ = plt.subplots(1, 2, figsize=(style.WIDTH, 3.0))
+        figures_domains._legend(figure, True, "leaves the safe set")
+        figure.set_dpi(dots)
+        figure.canvas.draw()
+        assert figure.legends[0].get_window_extent().x1 <= figure.bbox.x1
+        style.close(figure)
