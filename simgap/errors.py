@@ -48,10 +48,10 @@ def placed(*, file: str | Path | None = None, key: str | None = None, remedy: st
     try:
         yield
     except UserError as error:
-        told = (file if error.file is None else error.file, error.key or key, remedy or error.remedy)
-        if told == (error.file, error.key, error.remedy):
+        located = (file if error.file is None else error.file, error.key or key, remedy or error.remedy)
+        if located == (error.file, error.key, error.remedy):
             raise
-        raise UserError(error.problem, file=told[0], key=told[1], remedy=told[2]) from None
+        raise UserError(error.problem, file=located[0], key=located[1], remedy=located[2]) from None
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

@@ -29,8 +29,8 @@ def rows(*groups: tuple[ArrayLike, Sequence[object]]) -> tuple[Floats, ...]:
         except (TypeError, ValueError):
             raise UserError(f"points are rows of numbers, not {excerpt(repr(points), 60)}") from None
         if array.ndim != 2 or array.shape[1] != len(names):
-            told = f"{len(names)} numbers ({', '.join(map(str, names))})"
-            raise UserError(f"points are rows of {told}, not an array of shape {np.shape(points)}")
+            wanted = f"{len(names)} numbers ({', '.join(map(str, names))})"
+            raise UserError(f"points are rows of {wanted}, not an array of shape {np.shape(points)}")
         found.append(array)
     if len({len(own) for own in found}) > 1:
         raise UserError(f"points that belong together are {' and '.join(str(len(own)) for own in found)} in number")

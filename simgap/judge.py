@@ -132,7 +132,7 @@ def strays(certificate: Solution, run: Run) -> int:
         else:
             return 0
         return int((~inside | (cells < 0))[1:].sum())
-    levels = certificate.levels(run.seen, run.memory)
+    levels = certificate.levels(run.measured, run.memory)
     before, after = levels[:-1], levels[1:]
     kept = (after >= 0) & ((after < before) | ((before == 0) & (after == 0)))
     return int((~kept).sum())

@@ -57,12 +57,12 @@ def parts_of(case: Case, sections: Iterable[str], folder: Path) -> dict[str, str
     found: dict[str, str] = {}
     whole = case.model_dump(mode="json")
     for name in sections:
-        section, _, asked = name.partition("=")
+        section, _, wanted = name.partition("=")
         value: Any = whole
         for part in section.split("."):
             value = value.get(part) if isinstance(value, dict) else None
-        if asked:
-            found[name] = digest(value == asked)
+        if wanted:
+            found[name] = digest(value == wanted)
         elif isinstance(value, dict):
             read = _content("", value, folder)
             found |= {f"{section}.{key}": digest(own) for key, own in read.items()}
@@ -136,14 +136,14 @@ def code_digest(stage: str, case: Case | None = None, folder: Path = Path()) -> 
 def plugins_of(stage: str, case: Case | None) -> list[tuple[str, str]]:
     """Group and name of the plug-ins that a stage runs for a case: those of the groups whose door it imports."""
     reached = closure(module_of(stage))
-    asked = [(u.group, u.name) for u in (used_plugins(case) if case is not None else ())]
-    asked += [("effects", name) for name in _effects(stage, case)]
+    plugins_used = [(u.group, u.name) for u in (used_plugins(case) if case is not None else ())]
+    plugins_used += [("effects", name) for name in _effects(stage, case)]
     copied = stage == "diagnosis"  # the corrected case takes copies of the files along
     # over hidden states an engine's settings are asked how far its paths stray, and their methods stand in its file
     asks = case is not None and case.hidden_state is not None and "simulator" in READS.get(stage, ())
     return [
         (g, n)
-        for g, n in asked
+        for g, n in plugins_used
         if plugins.DOORS.get(g) in reached or (copied and ".py:" in n) or (asks and g == "engines")
     ]
 
@@ -296,8 +296,8 @@ def require_own(path: Path, record: Any, stages: Sequence[str], case: Case, fold
     own = _parts_of_stages(names, case, folder)
     passed = {"name", *(["plant.effects"] if made in SIMULATED else COPIED if made == "diagnosis" else [])}
     differing = sorted(key for key in own.keys() | parts.keys() if own.get(key) != parts.get(key))
-    told = [excerpt(key, 60) for key in differing if not passed & {key, key.partition(".")[0]}]
-    if told:
-        rest = f" and {len(told) - MOST_TOLD} more" if len(told) > MOST_TOLD else ""
-        keys = ", ".join(told[:MOST_TOLD]) + rest
+    keys_named = [excerpt(key, 60) for key in differing if not passed & {key, key.partition(".")[0]}]
+    if keys_named:
+        rest = f" and {len(keys_named) - MOST_TOLD} more" if len(keys_named) > MOST_TOLD else ""
+        keys = ", ".join(keys_named[:MOST_TOLD]) + rest
         raise UserError(f"not of this case, which differs in {keys}", file=path, remedy=f"`{made}` read them. {again}")

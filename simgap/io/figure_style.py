@@ -12,7 +12,7 @@ from typing import Any
 
 from simgap.io.atomic import atomic, write_text
 from simgap.io.pages import folder
-from simgap.io.traces import CAREFUL, NOMINAL, ROBUST
+from simgap.io.traces import BASELINE, GAP_AWARE, NOMINAL
 from simgap.notation import one_line, printable, superscript
 from simgap.specifications.picture import Look
 
@@ -22,7 +22,7 @@ YELLOW, BLUE, VERMILLION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
 GREY = "#8A8F98"
 MEASURED, BEFORE, AFTER, FLOOR = BLACK, VERMILLION, BLUE, GREY
 MEASURED_IN_A_VIEWER = "#A7AFBB"  # Rerun's is dark unless told otherwise; this is seen on white as well
-COLOURS = {ROBUST: BLUE, NOMINAL: VERMILLION, CAREFUL: GREEN}  # of the controllers
+COLOURS = {GAP_AWARE: BLUE, NOMINAL: VERMILLION, BASELINE: GREEN}  # of the controllers
 SURROUNDINGS = Look(target=(YELLOW, "#B8A800"), obstacle="#3A3F47", border="#3A3F47")
 WIDTH = 8.6  # inches: 12 pt text stays legible at half of a page's width
 

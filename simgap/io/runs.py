@@ -210,8 +210,8 @@ def _one(results: Path, path: Path) -> JobTime:
         raise UserError(
             f"not a benchmark file of Snakemake ({excerpt(error)})", file=path, remedy="Delete it and run again."
         ) from None
-    told = cpu_seconds_in_log(path.parents[1] / "logs" / f"{path.stem}.log")
-    cpu = cpu if told is None else told
+    logged = cpu_seconds_in_log(path.parents[1] / "logs" / f"{path.stem}.log")
+    cpu = cpu if logged is None else logged
     case = path.parents[1].relative_to(results)
     return JobTime(str(case) if case.parts else reading.real(results).name, path.stem, wall, cpu, memory * 2**20, ended)
 

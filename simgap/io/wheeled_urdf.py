@@ -92,8 +92,8 @@ def axle(joint: ElementTree.Element) -> tuple[Floats, Floats]:
 
 def numbers(element: ElementTree.Element | None, key: str, default: str) -> Floats:
     """An attribute of several numbers, or what stands for it."""
-    said = default if element is None else element.get(key, default)
-    return np.array([float(v) for v in said.split()])
+    text = default if element is None else element.get(key, default)
+    return np.array([float(v) for v in text.split()])
 
 
 def _link(joint: ElementTree.Element, end: str) -> str:

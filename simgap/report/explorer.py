@@ -13,7 +13,7 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.io import figure_style as style
-from simgap.io.traces import NOMINAL, ROBUST, TITLES, shown
+from simgap.io.traces import GAP_AWARE, NOMINAL, TITLES, shown
 from simgap.notation import axis_label
 from simgap.report.figures.gap import scaled
 from simgap.report.figures.traces import first_seconds
@@ -27,7 +27,7 @@ HEIGHT = 190
 def runs_figure(m: Material) -> dict[str, Any]:
     """Plotly's data and layout: a row for each state, with both controllers, and a row for its gap in its bound."""
     states, units, safe = m.context.states, m.context.units, limits(m.context)
-    runs = [shown(m.traces, kind) for kind in (NOMINAL, ROBUST)]
+    runs = [shown(m.traces, kind) for kind in (NOMINAL, GAP_AWARE)]
     data: list[dict[str, Any]] = []
     shapes: list[dict[str, Any]] = []
     titles: list[str] = []

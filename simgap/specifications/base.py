@@ -175,5 +175,5 @@ def path_aware_baseline(context: Context) -> Context:
             file=context.path, key="validation.fair_baseline", remedy="Remove the key.",
         )  # fmt: skip
     section = context.need(context.case.synthesis, "synthesis")
-    asked = section.model_copy(update={"nominal_between_samples": True})
-    return replace(context, case=context.case.model_copy(update={"synthesis": asked}))
+    checked = section.model_copy(update={"nominal_between_samples": True})
+    return replace(context, case=context.case.model_copy(update={"synthesis": checked}))

@@ -52,22 +52,22 @@ def run(
     out: Out,
     summary: Annotated[Path, Option("File for the figures of the synthesis (JSON).")],
     threads: Annotated[int, Option("Threads.", "--workers")] = 2,
-    careful: Annotated[
-        bool, Option("Without a gap: check the path between samples (fair baseline).", "--careful")
+    baseline: Annotated[
+        bool, Option("Without a gap: check the path between samples (fair baseline).", "--baseline")
     ] = False,
 ) -> None:
     """Synthesise, write the controller and its figures.
 
     Args:
-        gap_path: gap.json; None for the nominal model alone. careful: whether that one minds the path between samples,
-            whatever the case says of its nominal-only controller.
+        gap_path: gap.json; None for the nominal model alone.
+        baseline: whether the nominal-only controller checks the path between samples, whatever the case says.
 
     Raises:
         UserError: a specification that does not fit the domain, or that no controller can meet, with the reason.
     """
     context = Context.load(case_path)
     record = provenance("synthesis", context.case, context.folder, rests=CONTROLLED[1:] if gap_path is not None else ())
-    if careful:
+    if baseline:
         context = path_aware_baseline(context)
     with context.blame():
         affordable(context, [cost for cost in costs(context) if cost.stage == "synthesis"])
@@ -187,7 +187,7 @@ def after_inflation(problem: Problem, solution: Solution, between: Floats) -> fl
 def pose_problem(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
     """The synthesis problem of a case, and how far a path may stray from its samples and beyond walls, (2, nx).
 
-    The controller made with the gap minds the path between samples; that of the nominal model alone only if asked to.
+    The gap-aware controller checks the path between samples; the nominal-only one where the case says so.
     """
     section = context.need(context.case.synthesis, "synthesis")
     if section.record == "one" and section.rule != "least_effort":

@@ -224,8 +224,8 @@ def _tried(what: str, key: str, with_gap: bool, problem: Problem, threads: int) 
 
 def _finer(cells: Sequence[int], inputs: int) -> list[tuple[int, ...]]:
     """The cells that were asked for, then `GROWTH` times as many from one to the next while they are affordable."""
-    asked = math.prod(cells) * inputs
-    most = max(PAIRS, min(1.3 * GROWTH * asked, MOST_PAIRS))
+    pairs = math.prod(cells) * inputs
+    most = max(PAIRS, min(1.3 * GROWTH * pairs, MOST_PAIRS))
     found = [tuple(cells)]
     for k in range(1, ROUNDS):
         more = tuple(math.ceil(c * GROWTH ** (k / len(cells))) for c in cells)

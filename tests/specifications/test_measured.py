@@ -60,13 +60,13 @@ def test_no_true_state_is_where_it_must_not_be(mover, kind, name, latency, tmp_p
     assert len(starts) > 150
     near = 0.0
     for start in starts:
-        seen = start + ERROR * rng.choice([-1.0, 1.0], 2)
-        run = closed_loop(Truth(), controller, start, 60, Sensing(ERROR, latency), rng, monitor, seen)
+        measured = start + ERROR * rng.choice([-1.0, 1.0], 2)
+        run = closed_loop(Truth(), controller, start, 60, Sensing(ERROR, latency), rng, monitor, measured)
         verdict = monitor.judge(run, 60)
         assert verdict.outcome.kept, verdict.outcome
         assert verdict.outcome.figures["climbs"] == 0
         assert not latency or run.inputs[:1].tolist() in ([], [controller.first])
-        near = max(near, float(np.abs(run.seen - run.x).max()))
+        near = max(near, float(np.abs(run.measured - run.x).max()))
     assert near == pytest.approx(0.04)
 
 
@@ -81,12 +81,12 @@ def test_a_first_question_is_answered_at_every_certified_start(mover, kind):
     starts = starts[controller.contains(starts)]
     assert len(starts) > 600
     for start in starts:
-        seen = start + ERROR * rng.choice([-1.0, 1.0], 2)
-        if controller.in_target(seen)[0]:
+        measured = start + ERROR * rng.choice([-1.0, 1.0], 2)
+        if controller.in_target(measured)[0]:
             continue
-        chosen = controller.input(seen)  # raises where there is none
-        assert chosen.tolist() in controller.inputs(seen, 5).tolist()
-        assert chosen.tolist() == controller.input(seen, 5).tolist()
+        chosen = controller.input(measured)  # raises where there is none
+        assert chosen.tolist() in controller.inputs(measured, 5).tolist()
+        assert chosen.tolist() == controller.input(measured, 5).tolist()
 
 
 def test_a_target_smaller_than_the_error_is_refused(mover):

@@ -88,15 +88,15 @@ def kind_of(path: Path) -> Kind:
 
 
 def _source(
-    kind: Kind, path: Path, file: str, time: str = "", labels: str | None = None, asked: Sequence[str] = ()
+    kind: Kind, path: Path, file: str, time: str = "", labels: str | None = None, wanted: Sequence[str] = ()
 ) -> _Source:
-    """The names of all columns, what reads some of those asked for as an Arrow table, how messages call a column.
+    """The names of all columns, what reads the wanted ones as an Arrow table, how messages call a column.
 
     Args:
         time: the column of stamps; labels: that of text.
     """
     if kind == "json":
-        names, cells = json_cells(path, asked, file)
+        names, cells = json_cells(path, wanted, file)
         return names, lambda columns: json_table(cells, columns, time, labels, file), "key"
     if kind == "parquet":
         return parquet_header(path, file), lambda columns: read_parquet_columns(path, columns, file), "column"
