@@ -14,7 +14,7 @@ from simgap.specifications.solution import after_choice
 
 
 class Plant(Protocol):
-    """What the loop drives: a simulator, a rig, the nominal model.
+    """Plant that the loop drives: a simulator, a rig, the nominal model.
 
     One that records the path between samples has it as `path` (k, nx) after each step.
     """
@@ -27,7 +27,7 @@ class Plant(Protocol):
 
 
 class Policy(Protocol):
-    """What the loop asks: `synthesis.controller.Controller` is one."""
+    """Policy that the loop queries: `synthesis.controller.Controller` is one."""
 
     @property
     def input_set(self) -> Floats: ...  # noqa: D102
@@ -37,7 +37,7 @@ class Policy(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Sensing:
-    """What the controller knows: bounded measurement error (nx,) and whole samples of latency (0 or 1)."""
+    """Knowledge of the controller: bounded measurement error (nx,) and whole samples of latency (0 or 1)."""
 
     error: Floats
     latency: int = 0

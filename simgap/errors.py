@@ -1,4 +1,4 @@
-"""What a person is told: a mistake or a broken promise, which end a run early, and a finding, which does not."""
+"""Messages to a person: a mistake or a broken promise, which end a run early, and a finding, which does not."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def nearest(name: str, known: Iterable[str]) -> str:
 def optional(
     product: str, extra: str, *, file: str | Path | None = None, key: str | None = "simulator.engine"
 ) -> Iterator[None]:
-    """What is imported within is not installed with every simgap: where it is missing, one line names the extra.
+    """Imports of a package that is not installed with every simgap: where it is missing, one line names the extra.
 
     Raises:
         UserError: an import failed.
@@ -89,7 +89,7 @@ class BrokenPromise(SimgapError):
 
 @dataclass(frozen=True)
 class Finding:
-    """What a person would not expect, for which no run is refused: key or part of a file, what happens, what to do."""
+    """Surprise for a person, for which no run is refused: key or part of a file, what happens, what to do."""
 
     key: str
     problem: str

@@ -1,4 +1,4 @@
-"""What made a result: the sections that its stage read, the code that computed it, the engines, the seeds.
+"""Provenance of a result: the sections that its stage read, the code that computed it, the engines, the seeds.
 
 The code of a stage is its import closure, which `grimp` finds (imports inside functions too, nothing is imported to
 find them), and the plug-ins that the case uses, which no import shows because they are found by name.
@@ -72,7 +72,7 @@ def parts_of(case: Case, sections: Iterable[str], folder: Path) -> dict[str, str
 
 
 def _content(key: str, value: Any, folder: Path) -> Any:
-    """What stands below a key, with the bytes of what it names."""
+    """Content below a key, with the bytes of what it names."""
     if isinstance(value, dict):
         read = {name: _content(name, own, folder) for name, own in value.items()}
         if value.get("engine") == "python":
@@ -92,7 +92,7 @@ def _content(key: str, value: Any, folder: Path) -> Any:
 
 
 def sections_of(stage: str, case: Case) -> tuple[str, ...]:
-    """What a stage reads of a case: an engine that is not simgap's is given the case, and may read all of the plant.
+    """Sections of a case that a stage reads: a foreign engine gets the case, and may read all of the plant.
 
     Equations may be those of the plant, and what is known in closed form is read by whatever bounds slopes.
     """
@@ -158,7 +158,7 @@ def _effects(stage: str, case: Case | None) -> list[str]:
 
 
 def _sources(group: str, name: str, folder: Path) -> dict[str, str]:
-    """What a plug-in is made of: its file, and all that this file imports from the package."""
+    """Sources of a plug-in: its file, and all that this file imports from the package."""
     built_in = plugins.BUILT_IN[group].get(name)
     if built_in is not None:
         return module_digests(closure(built_in.partition(":")[0]))
@@ -203,7 +203,7 @@ def closure(module: str) -> frozenset[str]:
 
 @cache
 def imports() -> dict[str, list[str]]:
-    """What each module of the package imports from it, without `UNHASHED`; found once for sources and then kept."""
+    """Imports of each module of the package from it, without `UNHASHED`; found once for sources and then kept."""
     texts = {path.relative_to(PACKAGE).as_posix(): found for path, (found, _) in sources().items()}
     name, home = digest([texts, UNHASHED, _version("grimp")]), cache_folder()
     kept = home / "imports" / f"{name}.json" if home is not None else None

@@ -1,4 +1,4 @@
-"""Which keys of a case name model files: their bytes are part of what made a result, their paths move along."""
+"""Keys of a case that name model files: their bytes are part of what made a result, their paths move along."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which runs of the workflow are at work in a folder: their cases, process, machine and beginning.
+"""Runs of the workflow that are at work in a folder: their cases, process, machine and beginning.
 
 Each run keeps a file `.snakemake/simgap/runs/<machine>-<process>.json` under a lock of the operating system for as long
 as its process lives. Who finds the lock free on the same machine knows that the run is gone, and removes the file.
@@ -102,7 +102,7 @@ class WorkflowRun:
     alive: bool | None = True
 
     def __str__(self) -> str:
-        """What a person needs to find it."""
+        """The run in words by which a person finds it."""
         lives = {True: "alive", False: "gone", None: "of another machine: look there whether it lives"}[self.alive]
         return (
             f"`{self.command}` of {', '.join(self.cases) or 'no case'}, process {self.process} on {self.machine}, "

@@ -102,7 +102,7 @@ def _link(joint: ElementTree.Element, end: str) -> str:
 
 
 def _radius(link: ElementTree.Element) -> float | None:
-    """Of a link's collision shape if it is a cylinder or a sphere."""
+    """Radius of a link's collision shape if it is a cylinder or a sphere."""
     for kind in ("cylinder", "sphere"):
         shape = link.find(f"collision/geometry/{kind}")
         if shape is not None:

@@ -1,4 +1,4 @@
-"""What a case asks of its controller, refused here where synthesis would refuse it after the roll-outs."""
+"""Checks of the controller that a case wants, refused here where synthesis would refuse it after the roll-outs."""
 
 from __future__ import annotations
 

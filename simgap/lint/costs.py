@@ -1,4 +1,4 @@
-"""What the stages of a case will cost: counts are exact, bytes and seconds are estimates from measured rates.
+"""Costs of the stages of a case: counts are exact, bytes and seconds are estimates from measured rates.
 
 Bytes are of the arrays that a stage cannot do without; seconds are CPU seconds on one core. Of runs of a minute the sum
 is right to a factor of 1.5 (docs/evidence/public_models.md has them side by side), of a stage alone to two or three.

@@ -1,4 +1,4 @@
-"""What `check` asks of the engine, loaded once in a process of its own: what it made of the file, how fast it steps."""
+"""Queries of `check` to the engine, in a process of its own: what it made of the file, how fast it steps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What can be said of the `measured` section before a recording is read: names, units, files and their headers."""
+"""Checks of the `measured` section before a recording is read: names, units, files and their headers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an engine makes of a model file in silence: what it drops, replaces, completes or enforces.
+"""Changes that an engine makes to a model file in silence: what it drops, replaces, completes or enforces.
 
 Two engines read one URDF as two robots. Some of it can be asked of the loaded engine (masses, centres of mass,
 moments of inertia); the rest, what it does with friction, limits and gears, is a trait of the engine that a test shows.

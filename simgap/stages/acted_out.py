@@ -1,4 +1,4 @@
-"""Which of the effects that were found the simulator of a corrected case acts out.
+"""Effects that were found and that the simulator of a corrected case acts out.
 
 The nominal model gets them all. Whether the simulator lacks them too is another question: simgap's own twin of the
 nominal model does, a person's own program may know them already. So the simulator follows the recordings that confirm
@@ -71,7 +71,7 @@ class ActedOut:
 
 
 def acted_out(context: Context, section: MeasuredSection, applied: Sequence[AppliedEffect]) -> ActedOut | None:
-    """What the case says or, where it says nothing, what its engine is; None without a simulator or effects.
+    """The choice of the case or, where it makes none, of its engine; None without a simulator or effects.
 
     Raises:
         UserError: an engine that does not exist.

@@ -1,4 +1,4 @@
-"""What a stage takes from the command line: its signature says it, `simgap.cli.commands` makes options of it.
+"""Arguments of a stage on the command line: its signature declares them, `simgap.cli.commands` makes options of it.
 
 A parameter is `Annotated[type, Argument(...)]` or `Annotated[type, Option(...)]`. One that is a dataclass stands for
 its fields, and one without such a mark is for callers in Python.

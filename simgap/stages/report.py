@@ -100,7 +100,7 @@ def run(
 
 
 def _seconds_left(context: Context) -> float:
-    """What the whole page takes after the first one: the adversary, and what a diagnosis corrects."""
+    """Seconds that the whole page takes after the first one: the adversary, and what a diagnosis corrects."""
     seconds = {cost.stage: cost.seconds for cost in costs(context)}
     corrected = ("scp", "lipschitz", "gap", "synthesis", "validation", "audit") if context.case.measured else ()
     return sum(seconds.get(stage, 0.0) for stage in ("audit", *corrected))

@@ -125,7 +125,7 @@ def _solved(
 
 
 def _parts(context: Context, gap_path: Path | None) -> dict[str, GammaParts]:
-    """Of each state, what its gamma is made of; nothing for a bound over hidden state or for the model alone."""
+    """Parts of the gamma of each state; nothing for a bound over hidden state or for the model alone."""
     section = context.case.gap
     dimensions = read_json(gap_path).get("dimensions") or [] if gap_path is not None and section is not None else []
     late = [e for e in context.plant.effects if effect(e.name).remembers]

@@ -107,7 +107,7 @@ class Explanation:
 
 @dataclass(frozen=True)
 class GammaParts:
-    """What the largest gamma of a state is made of, in its unit.
+    """Parts of the largest gamma of a state, in its unit.
 
     Attributes:
         sampled: largest gap at a sample; whole: largest bound over all states; remainder: what measured data leave.

@@ -112,7 +112,7 @@ _WRITTEN = "Correct it there, or export it again."
 
 @dataclass(frozen=True)
 class Samples:
-    """What a file holds.
+    """Samples of a file.
 
     Attributes:
         constants: name -> a number, a text, a boolean or None that stands beside the samples.
@@ -205,7 +205,7 @@ def _malformed(error: json.JSONDecodeError, file: str, line: int) -> UserError:
 
 
 def _samples(content: Any, file: str) -> Samples:
-    """What a document says."""
+    """Samples of a document."""
     if isinstance(content, list):
         return Samples({}, _rows(enumerate(content, 1), file, "row"))
     if not isinstance(content, dict):

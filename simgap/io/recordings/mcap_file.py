@@ -254,7 +254,7 @@ class Bag:
             require_room(size)
 
     def _records(self, channels: set[int]) -> Iterator[Any]:
-        """What the file holds, but for chunks that say they have none of these channels."""
+        """Records of the file, without chunks that say they have none of these channels."""
         from mcap.data_stream import ReadDataStream
         from mcap.records import Chunk
         from mcap.stream_reader import StreamReader

@@ -72,7 +72,7 @@ def read_recording(path: Path, wanted: Iterable[str], time: str, trace: str, nam
 
 
 def kind_of(path: Path) -> Kind:
-    """What a recording is, by its name or by how it begins."""
+    """Kind of a recording, by its name or by how it begins."""
     try:
         with reading.opened(path) as stream:
             start = stream.read(64)
@@ -105,7 +105,7 @@ def _source(
 
 
 def _whole(raw: RawTable, path: Path, file: str) -> RawTable:
-    """What was read, if the file is still the same."""
+    """The table as it was read, if the file is still the same."""
     if reading.sha256(path) != raw.sha256:
         raise UserError("was changed while it was read", file=file, remedy="Wait until it is written, then run again.")
     return raw
@@ -250,7 +250,7 @@ def parquet_header(path: Path, file: str) -> tuple[str, ...]:
 
 
 def rig_record(path: Path) -> Any:
-    """What a file that `simgap rig` wrote says of its simulator; None of any other, readable or not."""
+    """Record of the simulator in a file that `simgap rig` wrote; None of any other, readable or not."""
     try:
         record = record_of(parquet_schema(path)) if kind_of(path) == "parquet" else None
     except (pa.ArrowException, OSError, UserError):
