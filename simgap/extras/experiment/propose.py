@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from simgap.arrays import Bools, Floats
-from simgap.diagnosis.experiment.beside import Beside
-from simgap.diagnosis.experiment.rivals import Bench, Rival, margins
 from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.thresholds import SELDOM
 from simgap.distributions import norm
 from simgap.excitation import multisine
+from simgap.extras.experiment.beside import Beside
+from simgap.extras.experiment.rivals import Bench, Rival, margins
 
 SIZES = (1.0, 0.5, 0.2)
 """Shares of the range in which each family is tried."""

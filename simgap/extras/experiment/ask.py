@@ -11,9 +11,6 @@ from typing import TypeVar
 import numpy as np
 
 from simgap.arrays import Bools, Floats
-from simgap.diagnosis.experiment.beside import Beside, beside
-from simgap.diagnosis.experiment.propose import ENOUGH, Proposal, propose
-from simgap.diagnosis.experiment.rivals import Bench, Explained, Known, known_rivals, library_names, translated
 from simgap.diagnosis.record.conditions import conditioned
 from simgap.diagnosis.record.folds import Windows, cut_in_folds, needed_ahead
 from simgap.diagnosis.record.noise import worth
@@ -23,6 +20,9 @@ from simgap.diagnosis.simulation.supermodel import cached_supermodel
 from simgap.diagnosis.thresholds import AS_MUCH, CONFIDENCE, MATTERS
 from simgap.effects import AppliedEffect
 from simgap.errors import UserError
+from simgap.extras.experiment.beside import Beside, beside
+from simgap.extras.experiment.propose import ENOUGH, Proposal, propose
+from simgap.extras.experiment.rivals import Bench, Explained, Known, known_rivals, library_names, translated
 from simgap.geometry import Box
 from simgap.model.symbolic import SymbolicModel
 from simgap.notation import number, pretty_unit
