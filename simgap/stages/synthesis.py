@@ -38,7 +38,7 @@ from simgap.synthesis.abstraction.swept import SweptCells, planar_swept_cells
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.explain import GammaParts, explain
 from simgap.synthesis.games.game import PreviousBounds
-from simgap.synthesis.synthesise import EmptyDomain, Problem, synthesise
+from simgap.synthesis.synthesise import EmptyDomain, SynthesisProblem, synthesise
 
 FIRST_INPUT = 1e-9  # how far the first input may be from the one of U that it is
 EMPTY_PAGE = "empty.html.j2"
@@ -100,7 +100,12 @@ def run(
 
 
 def _solved(
-    context: Context, problem: Problem, gap_path: Path | None, record: dict[str, Any], summary: Path, threads: int
+    context: Context,
+    problem: SynthesisProblem,
+    gap_path: Path | None,
+    record: dict[str, Any],
+    summary: Path,
+    threads: int,
 ) -> Solution:
     """The solution; where there is none, why: as a block of the log, in the summary and on a page beside it.
 
@@ -169,11 +174,11 @@ def _by_state(context: Context, between: Floats) -> dict[str, float]:
     return dict(zip(context.states, between.tolist(), strict=True)) if np.isfinite(between).all() else {}
 
 
-def _clearance(problem: Problem) -> str | None:
+def _clearance(problem: SynthesisProblem) -> str | None:
     return "clearance" if problem.stray is not None else None
 
 
-def after_inflation(problem: Problem, solution: Solution, between: Floats) -> float | None:
+def after_inflation(problem: SynthesisProblem, solution: Solution, between: Floats) -> float | None:
     """Share of winning cells among those that also keep clear of everything by `between`, (2, nx).
 
     That is what may happen between samples.
@@ -184,7 +189,7 @@ def after_inflation(problem: Problem, solution: Solution, between: Floats) -> fl
     return float((solution.winning & free).sum() / max(1, free.sum()))
 
 
-def pose_problem(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
+def pose_problem(context: Context, gap_path: Path | None) -> tuple[SynthesisProblem, Floats]:
     """The synthesis problem of a case, and how far a path may stray from its samples and beyond walls, (2, nx).
 
     The gap-aware controller checks the path between samples; the nominal-only one where the case says so.
@@ -211,7 +216,7 @@ def pose_problem(context: Context, gap_path: Path | None) -> tuple[Problem, Floa
     spread = np.array([s.size for s in gap.sup().values()]) if gap is not None and swept is None else np.zeros(model.nx)
     needed = on_the_path and swept is None
     between = _between(context, flow, specification.region(space), spread / model.tau, needed)
-    problem = Problem(
+    problem = SynthesisProblem(
         model=model,
         specification=specification,
         space=space,
@@ -232,7 +237,7 @@ def pose_problem(context: Context, gap_path: Path | None) -> tuple[Problem, Floa
     return problem, between
 
 
-def _previous(context: Context, problem: Problem, bound: SavedGap, gap: BodyFrameGap) -> PreviousBounds:
+def _previous(context: Context, problem: SynthesisProblem, bound: SavedGap, gap: BodyFrameGap) -> PreviousBounds:
     """The bound and the swept cells after each class of the previous input."""
     classes = gap.classes
     gaps = tuple(gap.after(c) for c in range(classes.count))

@@ -19,7 +19,7 @@ from simgap.errors import UserError
 from simgap.late import njit, numba
 from simgap.model.sampled import NominalModel
 from simgap.synthesis.abstraction.post import Kernel, no_gap
-from simgap.synthesis.synthesise import Problem, extremes
+from simgap.synthesis.synthesise import SynthesisProblem, extremes
 
 SAMPLED = 2_000
 """Cells that are looked at one by one."""
@@ -71,7 +71,7 @@ class Attempt:
 
 
 @dataclass(frozen=True)
-class Explanation:
+class EmptyDomainExplanation:
     """Explanation of an empty winning domain.
 
     Attributes:
@@ -139,12 +139,12 @@ class GammaParts:
 
 
 def explain(
-    problem: Problem,
+    problem: SynthesisProblem,
     retimed: Callable[[float], NominalModel] | None = None,
     threads: int = 1,
     alone: float | None = None,
     parts: Mapping[str, GammaParts] | None = None,
-) -> Explanation:
+) -> EmptyDomainExplanation:
     """The reasons of a problem whose winning domain is empty.
 
     Args:
@@ -162,10 +162,10 @@ def explain(
         widest = max(axes, key=lambda a: a.gamma_width / max(a.moves, 1e-300)).state
         known = (parts or {}).get(widest)
         sentence += f" {known.words(widest) if known is not None else _NARROWER}"
-    return Explanation(cause, sentence, first, axes, tries)
+    return EmptyDomainExplanation(cause, sentence, first, axes, tries)
 
 
-def axis_numbers(problem: Problem) -> tuple[AxisNumbers, ...]:
+def axis_numbers(problem: SynthesisProblem) -> tuple[AxisNumbers, ...]:
     """Numbers of one step for each state, from cells spread evenly over the grid."""
     grid, inputs = problem.grid, problem.inputs
     cells = np.unique(np.linspace(0, grid.size - 1, min(SAMPLED, grid.size)).astype(np.int64))
@@ -191,7 +191,7 @@ def axis_numbers(problem: Problem) -> tuple[AxisNumbers, ...]:
 
 
 def _tries(
-    problem: Problem, retimed: Callable[[float], NominalModel] | None, threads: int, known: float | None
+    problem: SynthesisProblem, retimed: Callable[[float], NominalModel] | None, threads: int, known: float | None
 ) -> Iterator[Attempt]:
     """Finer cells and narrower gaps as far as the budget goes; the path between samples is left aside."""
     plain = replace(problem, swept=None, stray=None, previous=None, latency=0, error=None)
@@ -214,7 +214,7 @@ def _tries(
         yield _tried(f"{NOMINAL}, {times:g} times tau", "domain.tau", False, own, threads)
 
 
-def _tried(what: str, key: str, with_gap: bool, problem: Problem, threads: int) -> Attempt:
+def _tried(what: str, key: str, with_gap: bool, problem: SynthesisProblem, threads: int) -> Attempt:
     try:
         solution = problem.specification.solve(problem.game(threads))
     except UserError:  # sets that these cells cannot express
@@ -235,7 +235,7 @@ def _finer(cells: Sequence[int], inputs: int) -> list[tuple[int, ...]]:
     return found
 
 
-def _verdict(problem: Problem, first: str, tries: Sequence[Attempt]) -> tuple[str, str]:
+def _verdict(problem: SynthesisProblem, first: str, tries: Sequence[Attempt]) -> tuple[str, str]:
     alone = [t for t in tries if t.key == "synthesis.cells" and not t.with_gap]
     gapped = [t for t in tries if t.key == "synthesis.cells" and t.with_gap]
     narrow, other = ([t for t in tries if t.key == key and t.wins > 0] for key in ("gap", "domain.tau"))

@@ -113,7 +113,7 @@ def extremes(kernel, gap, centres, inputs, out):  # type: ignore[no-untyped-def]
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class SynthesisProblem:
     """Everything that synthesis reads.
 
     Attributes:
@@ -203,7 +203,7 @@ class Problem:
         return MeasuredGame(self.space, boxes, stray, threads, kind, rest, self.one, after_any)
 
 
-def synthesise(problem: Problem, threads: int = 1) -> Solution:
+def synthesise(problem: SynthesisProblem, threads: int = 1) -> Solution:
     """Winning domain and all admissible inputs.
 
     Raises:

@@ -16,7 +16,7 @@ from simgap.specifications.reach_and_stay import ReachAndStay
 from simgap.specifications.reach_avoid import ReachAvoid
 from simgap.specifications.space import Space
 from simgap.synthesis.controller import Controller
-from simgap.synthesis.synthesise import Problem, synthesise
+from simgap.synthesis.synthesise import SynthesisProblem, synthesise
 
 SPACE = Space(("x", "y"), Box([0.0, 0.0], [4.0, 3.0]))
 ERROR = np.array([0.04, 0.03])
@@ -48,7 +48,7 @@ def test_no_true_state_is_where_it_must_not_be(mover, kind, name, latency, tmp_p
     inputs = np.array(list(itertools.product([-1.0, 0.0, 1.0], repeat=2)))
     asked = kind(kind=name, obstacles=(OBSTACLE,), target=WIDE if latency else TARGET)
     cells = (87, 66) if latency else (80, 60)
-    solution = synthesise(Problem(mover, asked, SPACE, cells, inputs, error=ERROR, latency=latency))
+    solution = synthesise(SynthesisProblem(mover, asked, SPACE, cells, inputs, error=ERROR, latency=latency))
     made = Controller(inputs, SPACE.states, ("u", "v"), solution, "least_effort", {"stage": "synthesis"})
     save_controller(made, tmp_path / "controller.npz")
     controller = load_controller(tmp_path / "controller.npz")
@@ -74,7 +74,7 @@ def test_no_true_state_is_where_it_must_not_be(mover, kind, name, latency, tmp_p
 def test_a_first_question_is_answered_at_every_certified_start(mover, kind):
     inputs = np.array(list(itertools.product([-1.0, 1.0, 0.0], repeat=2)))  # number 0 is not rest
     asked = ReachAvoid(kind=kind, target=TARGET) if kind == "reach_avoid" else Invariance(kind=kind, safe=SAFE)
-    solution = synthesise(Problem(mover, asked, SPACE, (87, 66), inputs, error=ERROR, latency=1, first=5))
+    solution = synthesise(SynthesisProblem(mover, asked, SPACE, (87, 66), inputs, error=ERROR, latency=1, first=5))
     controller = Controller(inputs, SPACE.states, ("u", "v"), solution, "least_effort", {})
     rng = np.random.default_rng(3)
     starts = SPACE.box.sample(rng, 2000)
@@ -92,4 +92,4 @@ def test_a_first_question_is_answered_at_every_certified_start(mover, kind):
 def test_a_target_smaller_than_the_error_is_refused(mover):
     small = ReachAvoid(kind="reach_avoid", target={"x": (3.0, 3.07), "y": (0.3, 0.9)})
     with pytest.raises(UserError, match="The measurement error is as large as the target"):
-        synthesise(Problem(mover, small, SPACE, (80, 60), np.zeros((1, 2)), error=ERROR))
+        synthesise(SynthesisProblem(mover, small, SPACE, (80, 60), np.zeros((1, 2)), error=ERROR))

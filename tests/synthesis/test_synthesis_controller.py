@@ -23,7 +23,7 @@ from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 from simgap.synthesis.abstraction.intersample import Flow, excursion, flow_of
 from simgap.synthesis.controller import Controller, least_effort
-from simgap.synthesis.synthesise import Problem, synthesise
+from simgap.synthesis.synthesise import SynthesisProblem, synthesise
 from tests.synthesis.synthesis_plants import constant_gap, pendulum, unicycle
 
 STATES = ("x1", "x2")
@@ -40,7 +40,7 @@ def invariance():
 def pendulum_problem(cells=(200, 100), gap=None, **more):
     model, inputs = pendulum()
     axes = () if gap is not None else None
-    return Problem(model, invariance(), SPACE, cells, inputs, gap=gap, gap_axes=axes, **more)
+    return SynthesisProblem(model, invariance(), SPACE, cells, inputs, gap=gap, gap_axes=axes, **more)
 
 
 @pytest.fixture(scope="module")
@@ -155,7 +155,7 @@ def robot(target=((8, 9), (8, 9)), obstacles=(), clearance=0.0, cells=(50, 50, 1
     }
     inputs = np.array([(v, w) for v in (-0.3, 0.0, 0.3) for w in (-0.5, 0.0, 0.5)])
     specification = ReachAvoid.model_validate(options)
-    return Problem(unicycle(), specification, ROBOT, cells, inputs, gap, None if gap is None else (), **more)
+    return SynthesisProblem(unicycle(), specification, ROBOT, cells, inputs, gap, None if gap is None else (), **more)
 
 
 @pytest.mark.parametrize(
