@@ -46,7 +46,7 @@ class Game(Protocol):
 
     @property
     def stray(self) -> Floats:
-        """How far a path may stray from its samples where clearance is to cover that, (nx,), or as in `SynthesisProblem`."""
+        """How far a path may stray from its samples where clearance is to cover that; see `SynthesisProblem`."""
 
     def invariant(self, safe: Bools) -> Solution:
         """The largest set of safe cells that some input keeps for ever: the greatest fixed point; (cells,) bool."""
