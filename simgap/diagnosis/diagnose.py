@@ -19,6 +19,7 @@ from simgap.diagnosis.search.scoring import barred
 from simgap.diagnosis.search.watch import Watch
 from simgap.diagnosis.seek import (
     Searched,
+    acts_later,
     begun,
     explained_by_one,
     fitted_again,
@@ -102,7 +103,7 @@ def _found(
             parts, ends = pushed
             tiers, wide = replace(tiers, like=parts), None
         else:  # all data by least squares, from the beginning
-            robust = pushed
+            robust = None if pushed is None or acts_later(pushed[1][0], pushed[1][2]) else pushed
             ends = searched(parts.known, most, not_tried, watch, before=before)
         wider = tiers.second(ends[0], ends[2], wide)
     wider = tiers.motors(*(wider or (parts, ends))[1][::2]) or wider
@@ -110,7 +111,7 @@ def _found(
     search, _, found = ends
     reach, late = parts.known.reach(found.fit.theta), parts.known.ahead(found.fit.theta)
     if late > 0.0 or reach > parts.known.reach(search.problem.model.null):  # commands outside the record are unknown
-        parts, robust = parts.past_the_unknown(reach).before_the_end(late), None
+        parts = parts.past_the_unknown(reach).before_the_end(late)
         if watch.stopped:
             ends = fitted_again(parts.known, search, found, not_tried)
         else:

@@ -71,7 +71,7 @@ def searched(
         return search, base, best_so_far(search, base, most)
     try:
         found = select(search, base, most) if known is None else carried_over(search, base, *known, most)
-        if before is not None and _acts_later(search, found):  # sought once more without what was commanded before
+        if before is not None and acts_later(search, found):  # sought once more without what was commanded before
             return search, base, found
         return ended(search, base, found, most)
     except Stopped:
@@ -81,7 +81,7 @@ def searched(
     return search, base, best_so_far(search, base, most)
 
 
-def _acts_later(search: Search, found: Explanation) -> bool:
+def acts_later(search: Search, found: Explanation) -> bool:
     """Whether commands from outside the record act on it under what was found, and not as declared."""
     problem, null = search.problem, search.problem.model.null
     return problem.ahead(found.fit.theta) > 0.0 or problem.reach(found.fit.theta) > problem.reach(null)

@@ -53,8 +53,19 @@ def test_the_scale_is_of_other_blocks_than_those_scored():
     """By hand: one block that misses ten times as far is as improbable as the others say."""
     size = np.concatenate([np.tile([1.0, -1.0], 90), np.tile([10.0, -10.0], 10)])[:, None]
     density = Errors(size, np.repeat(np.arange(10), 20)).density()
-    scale = 1.0  # of the t with 4 degrees of freedom that fits sizes of 1 alone: 5 / (4 + 1) = 1
-    assert density[-1] == pytest.approx(student.logpdf(10.0, 4) - math.log(scale), rel=1e-3)
+    usual = student.pdf(10.0, 4)  # of scale 1, that of a t with 4 degrees of freedom that fits sizes of 1: 5 / (4 + 1)
+    gross = 1.0 / (2.0 * 10.0 * (1.0 + 6.0 * math.log(10.0)))  # of any size: each of six decades as likely
+    assert density[-1] == pytest.approx(math.log(0.999 * usual + 0.001 * gross), rel=1e-3)
+
+
+def test_a_quarter_of_the_blocks_that_nobody_predicts_does_not_hide_what_the_others_gain():
+    """A model that predicts the rest ten times better does not pay for it where both miss by hundreds of the noise."""
+    rng, pushes = np.random.default_rng(10), np.zeros(40)
+    pushes[::4] = 300.0
+    before, after = (_errors(rng, s, np.repeat(pushes, 25)) for s in (10.0, 1.0))
+    found = gained(before.density(), after.density())
+    assert found.sure
+    assert found.nats > 0.6 * math.log(10.0)  # three quarters of the blocks are no push
 
 
 def test_of_a_single_block_nothing_is_sure():
