@@ -23,7 +23,7 @@ from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.report.case_figures import draw
 from simgap.report.content import content, summary
-from simgap.report.explorer import runs_figure
+from simgap.report.explorer import explored_runs
 from simgap.report.material import Corrected, Material
 from simgap.report.measured_share import share_inside
 from simgap.stages import log
@@ -82,7 +82,7 @@ def run(
     said = content(material)
     write_json(figures_out, summary(material, said) | {"provenance": record})
     drawn = draw(material)
-    explorer = script_data(runs_figure(material))
+    explorer = script_data(explored_runs(material))
     page = render(
         TEMPLATE, figures=drawn.markup, notes=drawn.notes, later=later, provenance=record, explorer=explorer, **said
     )

@@ -1,5 +1,7 @@
 """A diagnosis made by hand: a pendulum with Coulomb friction that the model lacks, integrated by small Euler steps."""
 
+import re
+
 import numpy as np
 
 from simgap.diagnosis.record.record import Record, Trace
@@ -124,3 +126,8 @@ def diagnosis(model, data, verdict="attributed"):
 def reading(data):
     note = FileNotes("bench.csv", "ab" * 32, 1200, 1200, 0.0, 0, 0, 0, 0, 0, (), ("bench",))
     return Reading(data, (note,), ())
+
+
+def without_scripts(page):
+    """The text of a page, what its scripts hold apart."""
+    return re.sub(r"<script.*?</script>", "", page.read_text(), flags=re.DOTALL)
