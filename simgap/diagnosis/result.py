@@ -155,7 +155,7 @@ class WindowPrediction:
         trace: name of the trace; held_out: whether it is of *confirm*.
         t: (n,) s; measured, before, after: (n, k).
         states: (n, nx) states of the corrected model; inputs: (n, m) recorded inputs.
-        used: (n, k) 1 for readings that are compared, 0 for those that are no measurement; None: all are.
+        used: (n, k) 1 for readings that are compared, 0 for those that are no measurement.
     """
 
     trace: str
@@ -166,7 +166,7 @@ class WindowPrediction:
     after: Floats
     states: Floats
     inputs: Floats
-    used: Floats | None = None
+    used: Floats
 
 
 @dataclass(frozen=True)

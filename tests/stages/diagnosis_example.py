@@ -74,7 +74,11 @@ def windows(data, seconds=1.0):
         s = slice(k * n, (k + 1) * n)
         true = simulate(trace.t[s], trace.y[s][0], FRICTION)
         declared = simulate(trace.t[s], trace.y[s][0], 0.0)
-        out.append(WindowPrediction("bench", k % 4 == 2, trace.t[s], trace.y[s], declared, true, true, trace.u[s]))
+        out.append(
+            WindowPrediction(
+                "bench", k % 4 == 2, trace.t[s], trace.y[s], declared, true, true, trace.u[s], np.ones_like(true)
+            )
+        )
     return tuple(out)
 
 
