@@ -51,7 +51,7 @@ from simgap.diagnosis.verdict.judge import (
     vanished,
     verdict,
 )
-from simgap.effects import EFFECTS, AppliedEffect, apply_effects
+from simgap.effects import EFFECTS, AppliedEffect
 from simgap.effects.sensor_gain import LINEAR, is_linear
 from simgap.model.symbolic import SymbolicModel
 from simgap.notation import joined
@@ -103,7 +103,7 @@ def conclude(
         faint_memory=verdict_is.faint,
         at_most=most if limited and len(chosen.kept.members) >= most else None,
         applied=answer.applied(kept),
-        corrected=apply_effects(model, answer.applied(kept)),
+        record=record,
         windows=tuple(windows),
         nearest=short,
         left_over=left,

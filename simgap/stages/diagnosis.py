@@ -131,8 +131,6 @@ def run(
     if tree is not None:
         return arm_diagnosis.run(context, tree, section, reading, look, paths, out_dir, tell)
     with context.blame():
-        if (warning := outside(context, record)) is not None:
-            reading = replace(reading, warnings=(*reading.warnings, warning))
         for warning in (*reading.warnings, *look.warnings):
             log.warning("%s", warning)
         known = [Known(c.file, c.values) for c in section.conditions]
@@ -140,6 +138,9 @@ def run(
         tell("searching for what the model lacks")
         found = diagnose(conditioned(model, names), record, _settings(section, reading), tell)
         reading = replace(reading, record=record)
+        if (beyond_domain := outside(context, found.record)) is not None:
+            log.warning("%s", beyond_domain)
+            reading = replace(reading, warnings=(*reading.warnings, beyond_domain))
     tell("bounding what is left")
     return conclude(context, section, found, reading, look, paths, out_dir, tell)
 
@@ -273,7 +274,7 @@ def _show(
     out_dir: Path,
 ) -> None:
     """Write the files that show the answer: page, pictures, recording."""
-    record, title = reading.record, context.case.title or context.case.name
+    record, title = found.record, context.case.title or context.case.name
     sigma = np.array([found.sigma[s] for s in record.measured])
     lacking = missing_terms(record, _declared(context, reading), *corrected, sigma)
     inputs = record.inputs[: len(context.inputs)]

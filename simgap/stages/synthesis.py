@@ -276,10 +276,9 @@ def _swept(context: Context, model: NominalModel, bound: SavedGap | None) -> tup
         return None
     if bound is not None:
         return bound.swept
-    pose_problem = pose_axes(context)
     every, rest = context.input_set, np.zeros(model.nx)
     path, bulge = nominal_paths(
         context.plant.carried, context.case.plant.integrator, model.tau, rest, every, PATH_POINTS
     )
-    extent = BodySamples.of_paths(np.arange(len(path)), path[..., list(pose_problem)]).extent
+    extent = BodySamples.of_paths(np.arange(len(path)), path[..., list(pose_axes(context))]).extent
     return extent[:, [0, 2]] - bulge, extent[:, [1, 3]] + bulge

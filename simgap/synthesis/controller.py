@@ -141,7 +141,10 @@ class Controller:
         """
         m = int(self._of_one(x, self.lookup(x, pending)))
         if m < 0:
-            raise BrokenPromise(f"the controller has no input at {np.asarray(x).tolist()}", "Ask `contains` first.")
+            raise BrokenPromise(
+                f"the controller has no input at {np.asarray(x).tolist()}",
+                "Where `lookup` gives -1 there is none.",
+            )
         return self.input_set[m].copy()
 
     def inputs(self, x: ArrayLike, pending: int | None = None) -> Floats:
@@ -160,7 +163,7 @@ class Controller:
         return np.int64(answers[0])
 
     def contains(self, x: ArrayLike) -> Bools:
-        """True where measured states are in the winning domain: (n, nx) -> (n,)."""
+        """True where a run may start, in the winning domain: measured states (n, nx) -> (n,)."""
         cells = self.cell(x)
         return np.where(cells >= 0, self.solution.winning[cells], False)
 

@@ -93,5 +93,8 @@ def test_units_that_cannot_be_right_are_not_fitted_to_the_end(monkeypatch):
     settings = DiagnosisSettings(effects=("coulomb_friction", "viscous_friction", "input_bias", "input_gain"))
     d = diagnose(block(), _driven(1e3), settings)
     assert [f.fault for f in d.recording] == ["wrong_unit"]
+    assert (
+        np.abs(d.record.traces[0].y).max() < 0.1 * np.abs(_driven(1e3).traces[0].y).max()
+    )  # what pictures show is mended
     assert [e.name for e in d.effects] == ["coulomb_friction"]
     assert len(set(long)) <= 3  # of seven possibilities

@@ -19,7 +19,7 @@ from simgap.diagnosis.result import (
     Step,
     WindowPrediction,
 )
-from simgap.effects import AppliedEffect, apply_effects
+from simgap.effects import AppliedEffect
 
 FRICTION, INERTIA, WEIGHT = 0.19, 0.25, 1.5
 SIGMA = np.array([1e-3, 1e-2])
@@ -120,7 +120,7 @@ def diagnosis(model, data, verdict="attributed"):
         ),
         warnings=(),
         applied=effects,
-        corrected=apply_effects(model, effects),
+        record=data,
         windows=windows(data),
         left_over=(),
         steps=(Step(80.0, tuple(Option(n, "hinge", left, g, k == 0) for k, (n, _, g, left) in enumerate(rows[:2]))),),
