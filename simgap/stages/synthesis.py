@@ -115,7 +115,7 @@ def _solved(
     try:
         return synthesise(problem, threads)
     except EmptyDomain as error:
-        found = explain(problem, _retimed(context), threads, error.alone, _parts(context, gap_path))
+        found = explain(problem, _retimed(context), threads, _parts(context, gap_path))
         for line in found.block():
             log.warning("%s", line)
         model = "with gap" if problem.gap is not None else "nominal"
@@ -125,7 +125,7 @@ def _solved(
         page = summary.with_name("empty.html")
         write_text(page, render(EMPTY_PAGE, title=context.case.title or context.case.name, found=found, model=model))
         raise EmptyDomain(
-            error.problem, file=error.file, key=error.key, remedy=f"{error.remedy}. {found.sentence} See {page}"
+            f"{error.problem}: {found.sentence.rstrip('.')}", file=error.file, key=error.key, remedy=f"See {page}"
         ) from None
 
 

@@ -19,7 +19,7 @@ from simgap.errors import UserError
 from simgap.late import njit, numba
 from simgap.model.sampled import NominalModel
 from simgap.synthesis.abstraction.post import Kernel, no_gap
-from simgap.synthesis.synthesise import SynthesisProblem, extremes
+from simgap.synthesis.synthesise import SynthesisProblem
 
 SAMPLED = 2_000
 """Cells that are looked at one by one."""
@@ -142,7 +142,6 @@ def explain(
     problem: SynthesisProblem,
     retimed: Callable[[float], NominalModel] | None = None,
     threads: int = 1,
-    alone: float | None = None,
     parts: Mapping[str, GammaParts] | None = None,
 ) -> EmptyDomainExplanation:
     """The reasons of a problem whose winning domain is empty.
@@ -151,11 +150,10 @@ def explain(
         problem: the problem.
         retimed: the nominal model at so many times the sampling time; None where it has no other.
         threads: for the kernels.
-        alone: share that the nominal model alone wins on the cells of the problem, None where nobody knows.
         parts: state -> what its gamma is made of, where that is known.
     """
     axes = axis_numbers(problem)
-    tries = tuple(_tries(problem, retimed, threads, alone))
+    tries = tuple(_tries(problem, retimed, threads))
     first = max(axes, key=lambda a: (a.leaves, a.spans / max(a.moves / a.cell, 1e-9))).state
     cause, sentence = _verdict(problem, first, tries)
     if cause == "gap":
@@ -171,7 +169,7 @@ def axis_numbers(problem: SynthesisProblem) -> tuple[AxisNumbers, ...]:
     cells = np.unique(np.linspace(0, grid.size - 1, min(SAMPLED, grid.size)).astype(np.int64))
     centres, gap = grid.centres()[cells], problem.gap or no_gap
     steps = np.zeros((len(centres), grid.box.size, 4))
-    extremes(problem.model.kernel, gap, centres, inputs, steps)
+    _extremes(problem.model.kernel, gap, centres, inputs, steps)
     widest = np.zeros((grid.box.size, 2))
     _widest(gap, centres, np.array(grid.h), inputs, widest)
     boxes = replace(problem, swept=None).abstraction().boxes(cells)
@@ -191,17 +189,14 @@ def axis_numbers(problem: SynthesisProblem) -> tuple[AxisNumbers, ...]:
 
 
 def _tries(
-    problem: SynthesisProblem, retimed: Callable[[float], NominalModel] | None, threads: int, known: float | None
+    problem: SynthesisProblem, retimed: Callable[[float], NominalModel] | None, threads: int
 ) -> Iterator[Attempt]:
     """Finer cells and narrower gaps as far as the budget goes; the path between samples is left aside."""
     plain = replace(problem, swept=None, stray=None, previous=None, latency=0, error=None)
     alone = replace(plain, gap=None)
     finer = _finer(problem.cells, len(problem.inputs))
-    for k, cells in enumerate(finer):
-        if k == 0 and known is not None:
-            yield Attempt(NOMINAL, "synthesis.cells", False, cells, known)
-        else:
-            yield _tried(NOMINAL, "synthesis.cells", False, replace(alone, cells=cells), threads)
+    for cells in finer:
+        yield _tried(NOMINAL, "synthesis.cells", False, replace(alone, cells=cells), threads)
     if problem.gap is not None:
         for cells in finer:
             yield _tried("with the gap", "synthesis.cells", True, replace(plain, cells=cells), threads)
@@ -276,6 +271,23 @@ def _narrowed(gap: Kernel, share: float) -> Kernel:
 
     found: Kernel = narrowed
     return found
+
+
+@njit(error_model="numpy")
+def _extremes(kernel, gap, centres, inputs, out):  # type: ignore[no-untyped-def]
+    """Per centre and dimension over U: least and largest f_i - x_i, then the least -lo_i and hi_i of the gap."""
+    n = centres.shape[1]
+    lo, hi = np.empty(n), np.empty(n)
+    for c in range(centres.shape[0]):
+        for j in range(n):
+            out[c, j, 0], out[c, j, 1], out[c, j, 2], out[c, j, 3] = np.inf, -np.inf, np.inf, np.inf
+        for m in range(inputs.shape[0]):
+            value = kernel(centres[c], inputs[m])
+            gap(centres[c], centres[c], inputs[m], lo, hi)
+            for j in range(n):
+                step = value[j] - centres[c, j]
+                out[c, j, 0], out[c, j, 1] = min(out[c, j, 0], step), max(out[c, j, 1], step)
+                out[c, j, 2], out[c, j, 3] = min(out[c, j, 2], -lo[j]), min(out[c, j, 3], hi[j])
 
 
 @njit(error_model="numpy")
