@@ -299,7 +299,11 @@ def nearest(
     if not found.members or share < MATTERS:
         return None
     reasons = (
-        (not evidence.carries, "it does not significantly predict better by a tenth"),
+        (not evidence.gain.sure, "it does not significantly predict better by a tenth"),
+        (
+            not evidence.borne_out,
+            "the confirming data do not bear it out: a channel is predicted worse there, or none better",
+        ),
         (not evidence.agree, "halves of the data give different numbers"),
         (not found.physical, "the numbers are not physical"),
         (not found.fit.converged, "the fit had not converged"),

@@ -184,7 +184,7 @@ SAID = {
     ),
     "sensor_offset": (
         "angle", {"offset": (0.5, 0.01, "rad")},
-        "a sensor of angle that reads 0.50 ± 0.01 rad too much", "an offset of the sensor of angle",
+        "an offset of 0.50 ± 0.01 rad of the sensor of angle", "an offset of the sensor of angle",
     ),
     "parameter_error": (
         "rod.com", {"ratio": (0.8, 0.01, "1")},

@@ -42,6 +42,10 @@ class Errors:
 
     def density(self) -> Floats:
         """Mean log density of a number in each block, (b,)."""
+        return np.asarray(self.by_channel().mean(axis=1))
+
+    def by_channel(self) -> Floats:
+        """The same of each channel, (b, k)."""
         kept, at = np.unique(self.block, return_inverse=True)
         part = at * _PARTS // len(kept)
         logs = np.full(self.size.shape, -np.inf)
@@ -49,7 +53,7 @@ class Errors:
             own = part == p
             if not own.all():
                 logs[own] = _log_density(self.size[own], self.size[~own])
-        return np.bincount(at, logs.mean(axis=1)) / np.bincount(at)
+        return np.stack([np.bincount(at, own) for own in logs.T], axis=1) / np.bincount(at)[:, None]
 
 
 def _log_density(size: Floats, like: Floats) -> Floats:
