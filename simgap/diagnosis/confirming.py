@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -19,7 +18,6 @@ from simgap.diagnosis.thresholds import A_FEW, FIT_QUALITY, LEAPS_ANYHOW, MOST
 from simgap.diagnosis.verdict.horizon import HorizonError
 from simgap.diagnosis.verdict.judge import Evidence, HeldOut, excess_share, folds_agree, judge, needed
 from simgap.diagnosis.verdict.score import Errors, Gain, gained
-from simgap.diagnosis.verdict.transfer import Carried
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,24 +64,17 @@ def _evidence(parts: Parts, chosen: Chosen, old: HeldOut, new: HeldOut) -> Evide
     elif chosen.at_floor and (len(found.members) > LEAPS_ANYHOW or (found.members and not sure)):
         agree = folds_agree(known, found, full.steps, 1.0)
     before, after = (chi2_dof(known, at) for at in (chosen.base, found.fit))
-    whole, borne_out = predicted_better((old.errors, new.errors), chosen.carried)
-    return Evidence(before, after, old, new, share, whole, borne_out, agree, wanted)
+    here, carried = (old.errors.density(), new.errors.density()), chosen.carried
+    chose = (np.zeros(0), np.zeros(0)) if carried is None else (carried.declared, carried.predicted)
+    whole = gained(*(np.concatenate(each) for each in zip(chose, here, strict=True)))
+    return Evidence(before, after, old, new, share, whole, is_borne_out(old.errors, new.errors), agree, wanted)
 
 
-def predicted_better(confirm: tuple[Errors, Errors], carried: Carried | None) -> tuple[Gain, bool]:
-    """What is predicted better of all that was not fitted, and whether *confirm* by itself bears it out: by a size that
-    matters in all, and no channel worse by as much.
-
-    The law of the errors is that of all of it: a *confirm* of one block has none of its own.
-    """
-    chose = ((), ()) if carried is None else ((carried.declared,), (carried.predicted,))
-    declared, corrected = (Errors.joined([*a, b]).by_channel() for a, b in zip(chose, confirm, strict=True))
-    if len(declared) < 2:  # one block is sure of nothing
-        return Gain(0.0, math.inf), False
-    here = (corrected - declared)[-len(np.unique(confirm[0].block)) :].mean(axis=0)
-    each = [Gain(float(nats), 0.0) for nats in (here.mean(), *-here)]
-    whole = gained(declared.mean(axis=1), corrected.mean(axis=1))
-    return whole, each[0].matters and not any(worse.matters for worse in each[1:])
+def is_borne_out(declared: Errors, corrected: Errors) -> bool:
+    """Whether errors on *confirm* by itself get smaller by a size that matters, and in no channel larger by as much."""
+    gains = (corrected.by_channel() - declared.by_channel()).mean(axis=0)
+    whole, *losses = (Gain(float(nats), 0.0) for nats in (gains.mean(), *-gains))
+    return whole.matters and not any(loss.matters for loss in losses)
 
 
 def _steadier(known: Problem, search: Search, found: Explanation) -> Explanation | None:

@@ -115,12 +115,13 @@ def under_its_law(
     """
     search, start, found, problem = plain, base, plain.empty(base), plain.problem
     spans: tuple[Span, ...] = ()
-    last, smaller = np.full(len(problem.sigma), np.inf), True
+    last = least = np.full(len(problem.sigma), np.inf)
+    smaller = True
     while not (search.watch.stopped or search.reached(found)):
         misses = problem.misses(found.fit.theta, found.fit.x0)
         size = np.maximum(usual_size(misses), 1.0)
         usual = size * problem.sigma
-        smaller, before = bool(np.any(usual < MOST * last)), smaller
+        smaller, before, least = bool(np.any(usual < MOST * least)), smaller, np.minimum(least, usual)
         if not (smaller or before):  # once more after the last: windows are cut where the errors end by then
             break
         if search is not plain and np.all(np.abs(misses) <= FAR * size):  # nothing stands out

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from simgap.diagnosis.confirming import predicted_better
+from simgap.diagnosis.confirming import is_borne_out
 from simgap.diagnosis.verdict.score import Errors, Gain, gained
 from simgap.diagnosis.verdict.transfer import preferred_of
 
@@ -118,26 +117,19 @@ def test_a_set_whose_prediction_is_no_number_is_not_chosen_beside_one_that_predi
     assert preferred_of([np.zeros(3), away, np.ones(3)], (0, 1, 2), (900.0, 10.0, 10.0), (1, 2)) == [2]
 
 
-def _carried(declared: Errors, predicted: Errors) -> SimpleNamespace:
-    return SimpleNamespace(declared=declared, predicted=predicted)
-
-
-def test_a_single_block_that_confirms_is_scored_by_the_law_of_all_that_was_not_fitted():
-    """Eight blocks chose, one confirms: alone it is sure of nothing, and it must not undo what the others say."""
-    rng, none = np.random.default_rng(11), np.zeros(200)
-    chose = [_errors(rng, s, none, 8) for s in (3.0, 1.0)]
-    one = [_errors(rng, s, np.zeros(25), 1) for s in (3.0, 1.0)]
-    whole, borne_out = predicted_better((one[0], one[1]), _carried(*chose))
-    assert whole.sure
-    assert borne_out
-    assert not predicted_better((one[0], one[1]), None)[0].sure
+def test_a_single_block_bears_out_what_gets_smaller_in_it_and_is_sure_of_nothing():
+    rng = np.random.default_rng(11)
+    large, small = (_errors(rng, s, np.zeros(25), 1) for s in (3.0, 1.0))
+    assert is_borne_out(large, small)
+    assert not is_borne_out(small, large)
+    assert not is_borne_out(large, large)
+    assert not gained(large.density(), small.density()).sure
 
 
 def test_a_channel_that_is_predicted_worse_is_not_hidden_by_one_that_is_better():
     rng, none = np.random.default_rng(13), np.zeros(200)
     first, second = ([_errors(rng, s, none, 8) for s in sizes] for sizes in ((3.0, 0.3), (1.0, 1.5)))
     both = [Errors(np.hstack([a.size, b.size]), a.block) for a, b in zip(first, second, strict=True)]
-    whole, borne_out = predicted_better((both[0], both[1]), None)
-    assert whole.sure
-    assert not borne_out
-    assert predicted_better((first[0], first[1]), None)[1]
+    assert gained(both[0].density(), both[1].density()).sure
+    assert not is_borne_out(*both)
+    assert is_borne_out(*first)

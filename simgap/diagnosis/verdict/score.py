@@ -45,14 +45,13 @@ class Errors:
         return np.asarray(self.by_channel().mean(axis=1))
 
     def by_channel(self) -> Floats:
-        """The same of each channel, (b, k)."""
+        """The same of each channel, (b, k); one part alone is scored by the law of its own errors."""
         kept, at = np.unique(self.block, return_inverse=True)
         part = at * _PARTS // len(kept)
-        logs = np.full(self.size.shape, -np.inf)
+        logs = np.empty(self.size.shape)
         for p in np.unique(part):
             own = part == p
-            if not own.all():
-                logs[own] = _log_density(self.size[own], self.size[~own])
+            logs[own] = _log_density(self.size[own], self.size if own.all() else self.size[~own])
         return np.stack([np.bincount(at, own) for own in logs.T], axis=1) / np.bincount(at)[:, None]
 
 

@@ -44,20 +44,21 @@ class Carried:
     Attributes:
         search, chosen: what it was found with, and it; rivals: others that do as well.
         agrees: whether halves of the data agree on its coefficients.
-        declared, predicted: errors ahead on what it was not fitted to, of the model as declared and with it.
+        declared, predicted: (b,) log density of the errors ahead in each block that it was not fitted to, of the model
+            as declared and with it.
     """
 
     search: Search
     chosen: Explanation
     rivals: tuple[Explanation, ...]
     agrees: bool
-    declared: Errors
-    predicted: Errors
+    declared: Floats
+    predicted: Floats
 
     @property
     def gain(self) -> Gain:
         """What it predicts better than the model as declared."""
-        return gained(self.declared.density(), self.predicted.density())
+        return gained(self.declared, self.predicted)
 
 
 def rescaled(search: Search, best: Explanation) -> Search:
@@ -126,8 +127,7 @@ def transferable(
     ]  # fmt: skip
     if not pool:
         return None
-    errors = [_errors(e, parts, h, wider.steps) for e in (wider.empty(base), *pool)]
-    densities = [own.density() for own in errors]
+    densities = [_density(e, parts, h, wider.steps) for e in (wider.empty(base), *pool)]
     worth = independent_share(search.problem, best.fit)
     steady = [k for k, e in enumerate(pool, 1) if folds_agree(search.problem, e, search.steps, worth)]
     sets = [wider.empty(base), *pool]
@@ -135,7 +135,7 @@ def transferable(
         densities, [e.count for e in sets], [e.bic for e in sets], steady or range(1, len(sets))
     )
     rivals = [sets[k] for k in others if steady and not sets[first].keys < sets[k].keys]
-    return Carried(wider, sets[first], tuple(rivals), bool(steady), errors[0], errors[first])
+    return Carried(wider, sets[first], tuple(rivals), bool(steady), densities[0], densities[first])
 
 
 def preferred_of(
@@ -161,8 +161,8 @@ def preferred_of(
     return sorted(level, key=lambda k: (counts[k], -means[k]))
 
 
-def _errors(e: Explanation, parts: Sequence[Trial], h: float, steps: dict[int, float]) -> Errors:
-    """Errors ahead on each part of a set fitted to the others."""
+def _density(e: Explanation, parts: Sequence[Trial], h: float, steps: dict[int, float]) -> Floats:
+    """Log density of the errors ahead on each part of a set fitted to the others, block by block."""
     errors = []
     for part in parts:
         at = e.fit
@@ -170,4 +170,4 @@ def _errors(e: Explanation, parts: Sequence[Trial], h: float, steps: dict[int, f
             start = fit(part.fit, at.theta, initial_states(part.fit), [], {})
             at = fit(part.fit, at.theta, start.x0, at.slots, steps)
         errors.append(judge(part.judged, at.theta, h).errors)
-    return Errors.joined(errors) if errors else Errors(np.zeros((1, 1)), np.zeros(1, dtype=np.int64))
+    return Errors.joined(errors).density() if errors else np.zeros(1)
