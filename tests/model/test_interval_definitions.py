@@ -5,8 +5,10 @@ from fractions import Fraction as Q
 import mpmath
 import numpy as np
 import pytest
+import sympy as sp
 
 from simgap.model import interval
+from simgap.model.compile import compile_interval_kernel
 
 RNG = np.random.default_rng(20)
 mpmath.mp.dps = 60
@@ -125,3 +127,13 @@ def test_what_has_no_bound_is_never_narrowed():
             if any(p):
                 ratio = interval.imul(b, interval.iinv(a))
                 bounded(interval.imin((1.0, 1.0), ratio), [min(Q(1), y / x) for x in p for y in q if x])
+
+
+def test_every_constant_and_an_unknown_slope_have_an_enclosure():
+    x, u = sp.symbols("x u", real=True)
+    found = compile_interval_kernel([sp.E * x, sp.pi * x, sp.diff(sp.sign(x / u), x)], ([x], [u]))
+    at = np.ones(1)
+    e, pi, slope = found(at, at, at, at)
+    assert mpmath.mpf(e[0]) <= mpmath.e <= mpmath.mpf(e[1])
+    assert mpmath.mpf(pi[0]) <= mpmath.pi <= mpmath.mpf(pi[1])
+    assert slope == (-np.inf, np.inf)
