@@ -18,6 +18,7 @@ import numpy as np
 from simgap.errors import UserError
 from simgap.late import njit, numba
 from simgap.model.sampled import NominalModel
+from simgap.notation import joined
 from simgap.synthesis.abstraction.post import Kernel, no_gap
 from simgap.synthesis.synthesise import SynthesisProblem
 
@@ -248,12 +249,12 @@ def _verdict(problem: SynthesisProblem, first: str, tries: Sequence[Attempt]) ->
         if math.prod(better.cells) > math.prod(problem.cells):
             needed = " x ".join(map(str, better.cells))
             return "cells", f"{run_out}. The cells are too large: {needed} of them win {better.wins:.3g}."
-        blurred = problem.error is not None or problem.latency > 0
-        cause = "sensing" if blurred else "between_samples"
-        what = "what the controller does not know of the state" if blurred else "the path between samples"
+        known = ["the measurement error"] * (problem.error is not None) + ["the latency"] * (problem.latency > 0)
+        what = joined(known) or "the path between samples"
         return (
-            cause,
-            f"{run_out}. At sampling instants and with a perfect measurement {better.wins:.3g} wins: {what} is.",
+            "sensing" if known else "between_samples",
+            f"{run_out}. At sampling instants and with a perfect measurement {better.wins:.3g} wins; the rest is lost to "
+            f"{what}.",
         )
     helps = f"; with {narrow[0].what.removeprefix('with ')} it wins {narrow[0].wins:.3g}" if narrow else ""
     return "gap", f"{run_out}. The gap is the reason: the nominal model alone wins {won.wins:.3g}{helps}."

@@ -192,7 +192,7 @@ def test_an_empty_domain_names_what_emptied_it(small, bound, tmp_path, capsys):
     write_json(tmp_path / "wide.json", gap)
     common = ["--out", tmp_path / "c.npz", "--summary", tmp_path / "s.json", "--log", tmp_path / "log"]
     line = refused(capsys, ["synthesis", case, "--gap", tmp_path / "wide.json", *common])
-    assert "the path between samples is" in line
+    assert "lost to the path between samples" in line
     coarse = small(**{"synthesis.cells": [8, 8, 8]})
     line = refused(capsys, ["synthesis", coarse, *common])
     assert "cells" in line.split("synthesis")[1]
