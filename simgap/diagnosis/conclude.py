@@ -103,7 +103,6 @@ def conclude(
         faint_memory=verdict_is.faint,
         at_most=most if limited and len(chosen.kept.members) >= most else None,
         applied=answer.applied(kept),
-        record=record,
         windows=tuple(windows),
         nearest=short,
         left_over=left,

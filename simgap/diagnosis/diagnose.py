@@ -54,6 +54,16 @@ def diagnose(
     Raises:
         UserError: no trace as long as a window, inputs that are not the model's, unknown effects.
     """
+    return diagnose_mended(model, record, settings, tell)[0]
+
+
+def diagnose_mended(
+    model: SymbolicModel,
+    record: Record,
+    settings: DiagnosisSettings | None = None,
+    tell: Callable[[str], None] = lambda words: None,
+) -> tuple[Diagnosis, Record]:
+    """The same, and the record as it was diagnosed: without what was seen to be no measurement, in the right units."""
     settings = settings or DiagnosisSettings()
     if record.inputs != model.input_names:
         raise UserError(f"the record has inputs {list(record.inputs)}", remedy=f"Give {list(model.input_names)}.")
@@ -63,8 +73,8 @@ def diagnose(
         search, _, best = sought.ends
         apart = sides_apart(sought.record, settings, search, best, _part_by(model, watch, tell))
         if apart is not None:
-            return replace(apart, recording=(*sought.faults, *apart.recording))
-    return _concluded(model, settings, sought)
+            return replace(apart, recording=(*sought.faults, *apart.recording)), sought.record
+    return _concluded(model, settings, sought), sought.record
 
 
 @dataclass(frozen=True, eq=False)

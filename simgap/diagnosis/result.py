@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass, field
 from typing import Literal
 
 from simgap.arrays import Floats
-from simgap.diagnosis.record.record import Record
 from simgap.effects import AppliedEffect
 from simgap.effects.quoted import Quoted
 
@@ -254,7 +253,7 @@ class Diagnosis:
         collinear: candidates that this excitation can hardly tell apart.
         folds: what fitted, what chose among sets, and what the errors and the verdict are from.
         warnings: what a person should know.
-        applied: the effects with their numbers; record: what they were sought in, mended of the faults that were seen.
+        applied: the effects with their numbers.
         windows: predictions for plots.
         nearest: what comes nearest where the verdict is `unexplained`; None if nothing explains a tenth.
         left_over: effects of the library that would take away a part of what is left; None if the fitted data are down
@@ -279,7 +278,6 @@ class Diagnosis:
     folds: FoldStretches
     warnings: tuple[str, ...]
     applied: tuple[AppliedEffect, ...]
-    record: Record
     windows: tuple[WindowPrediction, ...]
     nearest: Nearest | None = None
     left_over: tuple[LeftOver, ...] | None = None

@@ -11,7 +11,7 @@ import numpy as np
 
 from simgap.config.copied_plugins import plugin_copies
 from simgap.config.measured import MeasuredSection, matching_files, named_recordings
-from simgap.diagnosis.diagnose import diagnose
+from simgap.diagnosis.diagnose import diagnose_mended
 from simgap.diagnosis.record.conditions import Known, conditioned, under_conditions
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.record.survey import Survey, survey
@@ -136,9 +136,9 @@ def run(
         known = [Known(c.file, c.values) for c in section.conditions]
         record, names = under_conditions(reading, model, known)
         tell("searching for what the model lacks")
-        found = diagnose(conditioned(model, names), record, _settings(section, reading), tell)
-        reading = replace(reading, record=record)
-        if (beyond_domain := outside(context, found.record)) is not None:
+        found, mended = diagnose_mended(conditioned(model, names), record, _settings(section, reading), tell)
+        reading = replace(reading, record=mended)
+        if (beyond_domain := outside(context, mended)) is not None:
             log.warning("%s", beyond_domain)
             reading = replace(reading, warnings=(*reading.warnings, beyond_domain))
     tell("bounding what is left")
@@ -274,7 +274,7 @@ def _show(
     out_dir: Path,
 ) -> None:
     """Write the files that show the answer: page, pictures, recording."""
-    record, title = found.record, context.case.title or context.case.name
+    record, title = reading.record, context.case.title or context.case.name
     sigma = np.array([found.sigma[s] for s in record.measured])
     lacking = missing_terms(record, _declared(context, reading), *corrected, sigma)
     inputs = record.inputs[: len(context.inputs)]

@@ -249,12 +249,12 @@ def _verdict(problem: SynthesisProblem, first: str, tries: Sequence[Attempt]) ->
         if math.prod(better.cells) > math.prod(problem.cells):
             needed = " x ".join(map(str, better.cells))
             return "cells", f"{run_out}. The cells are too large: {needed} of them win {better.wins:.3g}."
-        known = ["the measurement error"] * (problem.error is not None) + ["the latency"] * (problem.latency > 0)
+        known = ["the measurement error"] * (problem.error is not None) + ["the latency of 1 sample"] * problem.latency
         what = joined(known) or "the path between samples"
         return (
             "sensing" if known else "between_samples",
-            f"{run_out}. At sampling instants and with a perfect measurement {better.wins:.3g} wins; the rest is lost to "
-            f"{what}.",
+            f"{run_out}. At sampling instants and with a perfect measurement {better.wins:.3g} wins; "
+            f"the rest is lost to {what}.",
         )
     helps = f"; with {narrow[0].what.removeprefix('with ')} it wins {narrow[0].wins:.3g}" if narrow else ""
     return "gap", f"{run_out}. The gap is the reason: the nominal model alone wins {won.wins:.3g}{helps}."

@@ -120,7 +120,6 @@ def diagnosis(model, data, verdict="attributed"):
         ),
         warnings=(),
         applied=effects,
-        record=data,
         windows=windows(data),
         left_over=(),
         steps=(Step(80.0, tuple(Option(n, "hinge", left, g, k == 0) for k, (n, _, g, left) in enumerate(rows[:2]))),),
