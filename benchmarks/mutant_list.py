@@ -25,8 +25,9 @@ REPEATS = (
     f"{_LINES}how_far_an_expression_moves_after_a_turn_is_what_its_values_say",
 )
 ROUNDED = (f"{_LINES}rounding_that_is_left_out_of_a_bound_is_found",)
-COMPILED = (RANGES, WAVES, TURNS)
-"""Tests whose code asks for compiled kernels: what they call is handed over by address, which Python has none of."""
+COMPILED = (RANGES, WAVES, TURNS, INTERVALS)
+"""Tests whose code asks for compiled kernels: what they call is handed over by address, which Python has none of, or is
+asked for the sine of infinity, at which Python raises."""
 
 
 @dataclass(frozen=True)
