@@ -135,15 +135,25 @@ def leap(search: Search, base: Fit, most: int) -> None:
     for size in range(2, most + 1):
         if size > LEAPS_ANYHOW and not _pays(search, size, most):
             return
-        _fitted(search, _options(search, _sources(search, base, size), size))
+        widen(search, _sources(search, base, size), size)
         for _ in range(2):
             best = _best(search, size, 1)
             if not best or search.reached(best[0]):
                 break
-            swapped = [search.without(best[0], c) for c in best[0].members]
-            _fitted(search, _options(search, swapped, size, best[0].fit.chi2))
+            swap(search, best[0])
         if any(search.reached(e) for e in _best(search, size, 1)):
             return
+
+
+def widen(search: Search, sources: list[Explanation], size: int) -> None:
+    """Fit the sets of one size that the linear problems around smaller ones promise most of."""
+    _fitted(search, _options(search, sources, size))
+
+
+def swap(search: Search, found: Explanation) -> None:
+    """Fit what the linear problems promise to be better than a set in the place of one of its effects."""
+    lacking = [search.without(found, c) for c in found.members]
+    _fitted(search, _options(search, lacking, len(found.members), found.fit.chi2))
 
 
 def merge(search: Search, found: Explanation) -> None:

@@ -7,8 +7,8 @@ from collections.abc import Iterable
 
 from simgap.diagnosis.search.explanations import SAME, Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
-from simgap.diagnosis.search.leaps import leap, merge
-from simgap.diagnosis.thresholds import BIC_GAIN, FAR, FIT_QUALITY, MOST, NARROW, WIDTH
+from simgap.diagnosis.search.leaps import leap, merge, swap
+from simgap.diagnosis.thresholds import BIC_GAIN, FAR, FIT_QUALITY, MOST, WIDTH
 
 
 def choose(options: Iterable[Explanation]) -> Explanation | None:
@@ -95,10 +95,13 @@ def _best(search: Search, most: int) -> Explanation | None:
 
 
 def grow(search: Search, current: Explanation, most: int) -> Explanation:
-    """Add, drop and swap effects from here on while that pays; what contains one of them is tried in its place."""
+    """Add, drop and swap effects from here on while that pays; then what contains one of them, in its place."""
     while len(current.members) < most:
-        option = choose([*search.joined(current), *search.refined(current)])
-        if option is None or current.bic - option.bic < BIC_GAIN:
+        for more in (search.joined, search.refined):  # what contains another costs several fits of more numbers
+            option = choose(more(current))
+            if option is not None and current.bic - option.bic >= BIC_GAIN:
+                break
+        else:
             break
         current = _prune(search, _swap(search, _prune(search, option)))
     return current
@@ -117,13 +120,11 @@ def _prune(search: Search, current: Explanation) -> Explanation:
 
 def _swap(search: Search, current: Explanation) -> Explanation:
     """Replace one effect by a rival while that lowers BIC."""
-    for _ in range(WIDTH):
-        rivals = []
-        for c in current.members:
-            if len(current.members) == 1:
-                continue
-            rivals += search.joined(search.without(current, c), exclude=(c.key,), most=NARROW)
-        option = choose([current, *rivals])
+    for _ in range(WIDTH if len(current.members) > 1 else 0):
+        swap(search, current)
+        rest = [current.keys - {c.key} for c in current.members]
+        same = [e for e in search.tried.values() if e.physical and len(e.keys) == len(current.keys)]
+        option = choose([current, *(e for e in same if any(kept < e.keys for kept in rest))])
         if option is None or option.keys == current.keys:
             return current
         current = option

@@ -20,7 +20,7 @@ from simgap.arrays import Floats
 from simgap.diagnosis.search.confidence import chi2_dof, independent_share
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
-from simgap.diagnosis.search.selection import grow
+from simgap.diagnosis.search.leaps import widen
 from simgap.diagnosis.simulation.coarse import JUDGED_ROWS, coarse
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
@@ -116,10 +116,12 @@ def transferable(
             number of them where each one more took most of what was left away.
     """
     wider = rescaled(search, best)
-    grow(wider, wider.empty(base), most)
-    for size in range(1, most):  # a wider look than the greedy path: the right set need not fit best
-        for e in _best(wider, size, WIDTH):
-            wider.joined(e, most=WIDTH)
+    wider.joined(wider.empty(base))
+    for size in range(1, most + 1):  # a wider look than the greedy path: the right set need not fit best
+        for e in _best(wider, size, 1):
+            wider.refined(e)
+        if size < most:
+            widen(wider, _best(wider, size, WIDTH), size + 1)
     pool = [
         e for size in range(1, largest + 1) for e in _best(wider, size, WIDTH)
         if e.fit.converged and _plausible(e) and not vanished(search, e, False)
