@@ -1,297 +1,169 @@
-"""What a search costs, where nothing in the library reaches the noise and where something does, and what it answers.
+"""What a diagnosis costs as a person runs it: CPU seconds and memory of whole processes, beside the goals.
 
-    python benchmarks/diagnosis_cost.py [--records motor pendulum] [--profile]
+    python benchmarks/diagnosis_cost.py [--only rod belt] [--again]
 
-Records of one joint (30 s at 200 Hz) and of a cart-pole (20 s), made in semi-implicit steps of 20 microseconds with dry
-friction as a shrinking of the speed (Moreau), which share nothing with the fit. What `strange` records hide is not in
-the library: friction that depends on the place, a periodic force. Seconds are CPU seconds of the search in a process
-whose kernels are compiled. Each row is kept in benchmarks/results/diagnosis_cost.json; `--as NAME` keeps it beside the
-others under that version.
+Each record is diagnosed by a process of its own: by the command line where it is a case and a recording, else by this
+file (`--alone NAME`), whose seconds then leave out the making of the record. A first run, which is not counted, fills
+an empty cache of machine code; a row called "cold" is such a first run. Each row is kept in
+benchmarks/results/diagnosis_cost.json as soon as it is there.
 """
 
 from __future__ import annotations
 
 import argparse
-import cProfile
 import json
-import math
-import pstats
+import os
+import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import sympy as sp
-from numba import njit
 
 ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT))
+sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 
-from simgap.diagnosis import diagnose as module  # noqa: E402
-from simgap.diagnosis.diagnose import diagnose  # noqa: E402
-from simgap.diagnosis.record.record import Record, Trace  # noqa: E402
-from simgap.diagnosis.result import Diagnosis, DiagnosisSettings  # noqa: E402
-from simgap.diagnosis.simulation.supermodel import cached_supermodel  # noqa: E402
-from simgap.model.symbolic import (  # noqa: E402
-    Coordinate,
-    NamedParameter,
-    Parameter,
-    SymbolicModel,
-    Variable,
-    symbol,
-)
+from kept_rows import Rows  # noqa: E402
 
 OUT = ROOT / "benchmarks" / "results" / "diagnosis_cost.json"
-RATE, STEP = 200.0, 2e-5
-KEYS = (
-    "inertia", "weight", "viscous", "forward", "backward", "rough", "lobes", "bias", "push", "push_hz", "K", "R", "L"
-)  # fmt: skip
-NULL = dict.fromkeys(KEYS, 0.0) | {"inertia": 1.0}
-PHASES = ("mended", "begun", "searched", "under_its_law", "chosen", "conclude")
-
-
-@njit
-def _joint(p: Any, u: Any, sample: int, q: float, v: float, step: float) -> Any:
-    """States (n, 3): position, speed, current (0 where the input is a force)."""
-    inertia, weight, viscous, forward, backward, rough, lobes, bias, push, hz, k, r, ind = p
-    out, i = np.empty((u.size, 3)), 0.0
-    out[0] = q, v, i
-    for j in range((u.size - 1) * sample):
-        drive = u[j // sample]
-        if ind > 0.0:
-            i += step * (drive - r * i - k * v) / ind
-            drive = k * i
-        force = drive + bias + push * math.sin(2.0 * math.pi * hz * j * step) - weight * math.sin(q) - viscous * v
-        v += step * force / inertia
-        grip = step * (forward if v > 0.0 else backward) * (1.0 + rough * math.sin(lobes * q)) / inertia
-        v = 0.0 if abs(v) <= grip else v - math.copysign(grip, v)
-        q += step * v
-        if (j + 1) % sample == 0:
-            out[(j + 1) // sample] = q, v, i
-    return out
-
-
-@njit
-def _cart_pole(m: float, pole: float, arm: float, b: float, c: float, u: Any, sample: int, step: float) -> Any:
-    """States (n, 4) of a cart and a hanging pole, x, q, their rates; viscous friction b on the cart, c on the pole."""
-    out = np.zeros((u.size, 4))
-    x, q, v, w = 0.0, 0.1, 0.0, 0.0
-    out[0] = x, q, v, w
-    for j in range((u.size - 1) * sample):
-        s, co = math.sin(q), math.cos(q)
-        f = u[j // sample] - b * v + pole * arm * w * w * s
-        g = -pole * 9.81 * arm * s - c * w
-        a, d, e = m + pole, pole * arm * co, pole * arm * arm
-        det = a * e - d * d
-        v += step * (e * f - d * g) / det
-        w += step * (a * g - d * f) / det
-        x += step * v
-        q += step * w
-        if (j + 1) % sample == 0:
-            out[(j + 1) // sample] = x, q, v, w
-    return out
-
-
-def commands(rng: np.random.Generator, seconds: float, top: float, rests: bool) -> np.ndarray:
-    """A few sines, within every second or third stretch a held small command if there are to be rests."""
-    n = int(seconds * RATE) + 1
-    t = np.arange(n) / RATE
-    hz, phase = rng.uniform(0.2, 4.0, 8), rng.uniform(0.0, 2 * np.pi, 8)
-    u = top * np.sin(2 * np.pi * np.outer(t, hz) + phase).mean(axis=1) * 2.0
-    k = 0
-    while rests and k < n:
-        move, rest = (int(rng.uniform(0.4, 1.5) * RATE) for _ in range(2))
-        u[k + move : k + move + rest] = rng.uniform(-0.1, 0.1) * top
-        k += move + rest
-    return u
-
-
-def joint_model(name: str, inertia: float, weight: float, electric: tuple[float, float, float] | None) -> SymbolicModel:
-    """As declared, without friction: I a = u - w sin(q), or driven by a motor with K, R, L."""
-    q, v, i, u = (symbol(n) for n in ("q", "v", "i", "u"))
-    j, w = symbol("J"), symbol("w")
-    states = [Variable("q", "rad" if name != "rail" else "m"), Variable("v", "rad/s" if name != "rail" else "m/s")]
-    parameters = {"J": Parameter(inertia, "kg*m^2"), "w": Parameter(weight, "N*m")}
-    named = {"inertia": NamedParameter("inertia", inertia, "kg*m^2", {"J": j * symbol("ratio")})}
-    pull = u - w * sp.sin(q) if weight else u
-    xdot: list[sp.Expr] = [v, pull / j]
-    if electric is not None:
-        states.append(Variable("i", "A"))
-        k, r, ind = (symbol(n) for n in ("K", "R", "L"))
-        parameters |= {n: Parameter(x, "1") for n, x in zip(("K", "R", "L"), electric, strict=True)}
-        xdot = [v, k * i / j, (u - r * i - k * v) / ind]
-    force = [sp.Integer(0), 1 / j, *([sp.Integer(0)] if electric is not None else [])]
-    return SymbolicModel(
-        states=tuple(states),
-        inputs=(Variable("u", "V" if electric is not None else "N*m"),),
-        parameters=parameters,
-        xdot=tuple(xdot),
-        coordinates=(Coordinate("axis", "q", "v", "N" if name == "rail" else "N*m"),),
-        force_map={"axis": tuple(force)},
-        named_parameters=named,
-    )
-
-
-def cart_pole_model(m: float, pole: float, arm: float) -> SymbolicModel:
-    """As declared, without friction."""
-    names = {"M": m, "m": pole, "l": arm, "g": 9.81}
-    big, small, lever, g = (symbol(n) for n in names)
-    q, v, w, u = (symbol(n) for n in ("q", "v", "w", "u"))
-    mass = sp.Matrix([[big + small, small * lever * sp.cos(q)], [small * lever * sp.cos(q), small * lever**2]])
-    inverse = sp.simplify(mass.inv())
-    rest = sp.Matrix([u + small * lever * w**2 * sp.sin(q), -small * g * lever * sp.sin(q)])
-    rates = inverse * rest
-    return SymbolicModel(
-        states=(Variable("x", "m"), Variable("q", "rad"), Variable("v", "m/s"), Variable("w", "rad/s")),
-        inputs=(Variable("u", "N"),),
-        parameters={n: Parameter(value, "1") for n, value in names.items()},
-        xdot=(v, w, rates[0], rates[1]),
-        coordinates=(Coordinate("cart", "x", "v", "N"), Coordinate("pole", "q", "w")),
-        force_map={
-            "cart": (sp.Integer(0), sp.Integer(0), inverse[0, 0], inverse[1, 0]),
-            "pole": (sp.Integer(0), sp.Integer(0), inverse[0, 1], inverse[1, 1]),
-        },
-        named_parameters={
-            "cart.mass": NamedParameter("cart.mass", m, "kg", {"M": big * symbol("ratio")}),
-            "pole.mass": NamedParameter("pole.mass", pole, "kg", {"m": small * symbol("ratio")}),
-        },
-    )
-
-
-@dataclass(frozen=True)
-class Bench:
-    """One record: the plant as declared, what it hides, how it is driven and read."""
-
-    plant: str
-    hidden: dict[str, float]
-    top: float
-    seed: int
-    rests: bool = False
-    seconds: float = 30.0
-    noise: float = 2e-4
-    count: float = 0.0  # a count of the encoder
-    inertia: float = 0.25
-    weight: float = 0.0
-    electric: tuple[float, float, float] | None = None
-
-    def made(self) -> tuple[SymbolicModel, Record]:
-        """The model as declared, and the record."""
-        rng = np.random.default_rng([self.seed, 81])
-        u = commands(rng, self.seconds, self.top, self.rests)
-        sample, t = round(1.0 / (RATE * STEP)), np.arange(u.size) / RATE
-        if self.plant == "cart-pole":
-            model = cart_pole_model(1.0, 0.2, 0.5)
-            x = _cart_pole(1.0, 0.2, 0.5, self.hidden["cart"], self.hidden["pole"], u, sample, STEP)
-            measured, y = ("x", "q"), x[:, :2] + self.noise * rng.standard_normal((u.size, 2))
-        else:
-            model = joint_model(self.plant, self.inertia, self.weight, self.electric)
-            k, r, ind = self.electric or (0.0, 0.0, 0.0)
-            own = {"inertia": self.inertia, "weight": self.weight, "K": k, "R": r, "L": ind}
-            p = np.array(list((NULL | own | self.hidden).values()))
-            x = _joint(p, u, sample, *rng.uniform(-0.2, 0.2, 2), STEP)
-            measured, y = ("q",), x[:, :1] + self.noise * rng.standard_normal((u.size, 1))
-            if self.electric is not None:
-                measured, y = ("q", "i"), np.hstack([y, x[:, 2:] + 5e-3 * rng.standard_normal((u.size, 1))])
-        if self.count:
-            y[:, 0] = np.round(y[:, 0] / self.count) * self.count
-        return model, Record((Trace("run", t, y, u[:, None]),), measured, ("u",))
-
-
-TURN = 2 * math.pi / 4096
-MOTOR = {"inertia": 2e-3, "electric": (0.1, 1.0, 5e-3)}
-ROUGH = {"forward": 0.06, "backward": 0.06, "rough": 0.6, "lobes": 3.0}
-BENCHES: dict[str, Bench] = {
-    "clean pendulum": Bench("pendulum", {}, 3.0, 1, weight=1.5),
-    "motor": Bench(
-        "motor", {"viscous": 1e-3, "forward": 0.02, "backward": 0.02}, 6.0, 2, noise=2e-4, count=TURN, **MOTOR
-    ),
-    "strange motor": Bench(
-        "motor", {"viscous": 1e-3, **ROUGH, "forward": 0.02, "backward": 0.02}, 6.0, 3, noise=2e-4, count=TURN, **MOTOR
-    ),
-    "strange pendulum with rests": Bench("pendulum", ROUGH, 3.0, 4, rests=True, weight=1.5),
-    "pendulum, pushed": Bench("pendulum", {"viscous": 0.05, "push": 0.1, "push_hz": 1.3}, 3.0, 5, weight=1.5),
-    "strange rail": Bench(
-        "rail", {"forward": 0.5, "backward": 0.5, "bias": 0.3, "push": 0.2, "push_hz": 2.1}, 4.0, 6, rests=True,
-        inertia=2.0, noise=1e-5, count=2e-5,
-    ),
-    "cart-pole": Bench("cart-pole", {"cart": 0.5, "pole": 0.01}, 4.0, 7, seconds=20.0),
+TUTORIAL, PENDULUM = ROOT / "docs" / "tutorial", ROOT / "configs" / "cases" / "pendulum.yaml"
+HIDDEN, DELAY, SEED = {"b": 0.08}, 0.004, 41
+# record -> goal in CPU seconds, if it has one
+GOALS: dict[str, float | None] = {
+    "tutorial, cold": 10.0, "tutorial": 4.0,
+    "pendulum, dry friction": 7.0, "DC motor, viscous friction": 7.0, "cart-pole, input gain": 7.0,
+    "rod, ilqr": 15.0, "rod, sac": 15.0, "rod, direct collocation": 15.0, "rod with payload": 15.0,
+    "127,000 readings": 60.0, "two-link arm, viscous friction": 20.0, "belt of two masses at 500 Hz": 25.0,
+    "360 s at 1000 Hz": None, "3600 s at 1000 Hz": None,
 }  # fmt: skip
+PLANTS = {
+    "pendulum, dry friction": ("pendulum", "dry friction"),
+    "DC motor, viscous friction": ("dc_motor", "viscous friction"),
+    "cart-pole, input gain": ("cart_pole", "gain"),
+    "two-link arm, viscous friction": ("two_link", "viscous friction"),
+}
+RODS = {
+    "rod, ilqr": "rod ilqr", "rod, sac": "rod sac", "rod, direct collocation": "rod direct_collocation",
+    "rod with payload": "rod payload",
+}  # fmt: skip
+LENGTHS = {"127,000 readings": (2, 63.5), "360 s at 1000 Hz": (1, 360.0), "3600 s at 1000 Hz": (1, 3600.0)}
 
 
-def timed(phases: dict[str, float]) -> Callable[[], None]:
-    """Count the CPU seconds of each phase of a diagnosis; call what is returned to stop."""
-    kept = {name: getattr(module, name) for name in PHASES if hasattr(module, name)}
+def write_record(path: Path, seconds: float, rate: float, seed: int) -> None:
+    """One trace of the rig of the undeclared effects: viscous friction, inputs 4 ms late, noise on both channels."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
 
-    def counted(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
-        def run(*given: Any, **more: Any) -> Any:
-            begun = time.process_time()
-            try:
-                return function(*given, **more)
-            finally:
-                phases[name.strip("_")] = phases.get(name.strip("_"), 0.0) + time.process_time() - begun
+    from tests.undeclared.rig import pendulum as rig
 
-        return run
-
-    for name, function in kept.items():
-        setattr(module, name, counted(name, function))
-    return lambda: [setattr(module, name, function) for name, function in kept.items()] and None
+    rng = np.random.default_rng(seed)
+    n, sample = int(seconds * rate) + 1, round(1.0 / (rate * rig.STEP))
+    numbers = {**dict.fromkeys(rig.KEYS, 0.0), **rig.NOMINAL, "gain": 1.0, "limit": np.inf, "v_s": 1.0, **HIDDEN}
+    u = np.resize(rig.multisine(rng, int(min(60.0, seconds) * rate), rate), n)
+    late = round(DELAY / rig.STEP)
+    x = rig.integrate(np.array([numbers[k] for k in rig.KEYS]), u, sample, late, np.zeros(2), rig.STEP)
+    y = x + rng.normal(size=x.shape) * np.array([1e-3, 1e-2])
+    pq.write_table(pa.table({"t": np.arange(n) / rate, "x1": y[:, 0], "x2": y[:, 1], "u": u}), path)
 
 
-def one(name: str, profile: bool) -> dict[str, Any]:
-    """Diagnose one record."""
-    model, record = BENCHES[name].made()
-    for second in (False, True):
-        cached_supermodel(model, record.measured, (), second)
-    diagnose(model, record, DiagnosisSettings(budget_s=1e-3))  # whatever else compiles at its first use
-    phases: dict[str, float] = {}
-    said: list[str] = []
-    stop, profiler = timed(phases), cProfile.Profile()
+def alone(name: str) -> None:
+    """Diagnose one record of a study in this process, and print what was answered as JSON."""
+    import other_plants
+    import sentinel
+
+    from simgap.diagnosis.diagnose import diagnose
+    from simgap.diagnosis.record.record import Record
+    from tests.diagnosis import test_belt_drive as belt
+
     begun = time.process_time()
-    if profile:
-        profiler.enable()
-    d = diagnose(model, record, DiagnosisSettings(), said.append)
-    profiler.disable()
-    cpu = time.process_time() - begun
-    stop()
-    if profile:
-        pstats.Stats(profiler).sort_stats("cumulative").print_stats(45)
-        pstats.Stats(profiler).sort_stats("tottime").print_stats(20)
-    return {"record": name, "rows": record.rows, "cpu_s": round(cpu, 1), **answer(d, said),
-            "phases": {k: round(v, 1) for k, v in phases.items()}}  # fmt: skip
+    if name in RODS:
+        row = sentinel.real_row({"kind": RODS[name]})
+        print(json.dumps({"verdict": row["verdict"], "answer": row["answer"]}))
+        return
+    if name in PLANTS:
+        plant, kind = PLANTS[name]
+        model, record = other_plants.nominal(plant), other_plants.make(plant, kind, SEED)[0]
+    else:
+        rng = np.random.default_rng(SEED)
+        runs = tuple(belt.belt_run(rng, 6.0, 0.8) for _ in range(2))
+        model, record = belt.belt_model(), Record(runs, ("x1", "x2"), ("F",))
+    made = time.process_time() - begun
+    d = diagnose(model, record)
+    print(json.dumps({"verdict": d.verdict, "answer": [[e.name, e.on] for e in d.effects], "made_s": made}))
 
 
-def answer(d: Diagnosis, said: list[str]) -> dict[str, Any]:
-    """What was answered, and how well it fits."""
-    return {
-        "verdict": d.verdict,
-        "effects": {f"{e.name} on {e.on}": {k: float(f"{v.value:.5g}") for k, v in e.parameters.items()}
-                    for e in d.effects},
-        "recording": [f.fault for f in d.recording],
-        "chi2_dof": [round(d.before.chi2_dof, 3), round(d.after.chi2_dof, 4)],
-        "held_out": round(d.after.held_out_ratio, 4), "excess_share": round(d.excess_share, 4),
-        "alternatives": len(d.alternatives), "sets": said[-1].split()[0] if said else "0",
-        "warnings": list(d.warnings),
-    }  # fmt: skip
+def command(name: str, folder: Path) -> list[str]:
+    """What is run; the recordings are written first."""
+    if name in PLANTS or name in RODS or name not in {*LENGTHS, "tutorial", "tutorial, cold"}:
+        return [sys.executable, __file__, "--alone", name]
+    case, recordings = TUTORIAL / "rod.yaml", [TUTORIAL / "swings.csv"]
+    if name in LENGTHS:
+        count, seconds = LENGTHS[name]
+        case, recordings = PENDULUM, [folder / f"run{k}.parquet" for k in range(count)]
+        for k, path in enumerate(recordings):
+            write_record(path, seconds, 1000.0, SEED + k)
+    return [sys.executable, "-m", "simgap.cli", "diagnose", *map(str, [case, *recordings, "--out", folder / "found"])]
+
+
+def spent(run: Sequence[str], folder: Path) -> tuple[float, float, str]:
+    """CPU seconds and peak GiB of a process, and what it printed last."""
+    where = {**os.environ, "XDG_CACHE_HOME": str(folder / "cache"), "PYTHONPATH": str(ROOT)}
+    code = (
+        "import json, resource, subprocess, sys\n"
+        "out = subprocess.run(sys.argv[1:], check=True, stdout=subprocess.PIPE, text=True).stdout\n"
+        "r = resource.getrusage(resource.RUSAGE_CHILDREN)\n"
+        "print(json.dumps([r.ru_utime + r.ru_stime, r.ru_maxrss / 2**20, (out.splitlines() or [''])[-1]]))"
+    )
+    out = subprocess.run([sys.executable, "-c", code, *run], check=True, stdout=subprocess.PIPE, text=True, env=where)
+    cpu, peak, last = json.loads(out.stdout)
+    return cpu, peak, last
+
+
+def one(name: str) -> dict[str, Any]:
+    """Measure one record."""
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        run = command(name, folder)
+        cpu, peak, last = spent(run, folder)
+        if not name.endswith("cold"):
+            cpu, peak, last = spent(run, folder)
+        if "--alone" in run:
+            found = json.loads(last)
+        else:
+            written = json.loads((folder / "found" / "diagnosis.json").read_text())
+            found = {"verdict": written["verdict"], "answer": [[e["name"], e["on"]] for e in written["effects"]]}
+    seconds = round(cpu - found.pop("made_s", 0.0), 1)
+    return {"record": name, **found, "cpu_s": seconds, "peak_gib": round(peak, 2), "goal_s": GOALS[name]}
+
+
+def table(rows: Sequence[dict[str, Any]]) -> str:
+    """Markdown, one record a row, in the order of the list."""
+    lines = ["| record | verdict | named | CPU s | goal | memory, GiB |", "|---|---|---|---|---|---|"]
+    for r in sorted(rows, key=lambda r: list(GOALS).index(r["record"])):
+        named = ", ".join(f"{n} on {on}" for n, on in r["answer"]) or "-"
+        goal = "" if r["goal_s"] is None else f"{r['goal_s']:g}"
+        cells = (r["record"], r["verdict"], named, f"{r['cpu_s']:.3g}", goal, f"{r['peak_gib']:g}")
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
 
 
 def main() -> None:
-    """Run what is asked for and write after each record."""
+    """Measure what is asked for and is not there yet."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--records", nargs="*", default=list(BENCHES), choices=list(BENCHES))
-    parser.add_argument("--as", dest="version", default="now", help="name of this version in the results")
-    parser.add_argument("--profile", action="store_true", help="where the time goes (slower)")
-    asked = parser.parse_args()
-    for name in asked.records:
-        row = {"version": asked.version, **one(name, asked.profile)}
-        print(json.dumps(row), flush=True)
-        if asked.profile:
-            continue
-        known = json.loads(OUT.read_text()) if OUT.exists() else []
-        known = [r for r in known if (r["version"], r["record"]) != (row["version"], name)] + [row]
-        OUT.write_text(json.dumps(known, indent=1) + "\n")
+    parser.add_argument("--only", nargs="*", help="words of which a record's name has one")
+    parser.add_argument("--again", action="store_true", help="make again what is there")
+    parser.add_argument("--alone", choices=list(GOALS), help="diagnose this one here")
+    given = parser.parse_args()
+    if given.alone:
+        alone(given.alone)
+        return
+    rows = Rows(OUT, lambda known: table(known) + "\n", given.again)
+    for name in GOALS:
+        if given.only is None or any(word in name for word in given.only):
+            rows.make({"record": name}, lambda name=name: one(name))
 
 
 if __name__ == "__main__":

@@ -80,7 +80,7 @@ def places() -> list[Row]:
 
 def one(place: Row) -> Row:
     """Make one record, diagnose it, and say whether the answer is right."""
-    begun, kept = time.process_time(), _real if place["study"] == "real" else _simulated
+    begun, kept = time.process_time(), real_row if place["study"] == "real" else _simulated
     row = kept(place)
     return {**place, "cpu_s": round(time.process_time() - begun, 1), **row}
 
@@ -130,7 +130,7 @@ def _undeclared(kind: str, seed: int) -> Row:
     return _row(row, m.exact and m.verdict == "attributed", not m.exact)
 
 
-def _real(place: Row) -> Row:
+def real_row(place: Row) -> Row:
     """A real set; what is right is what is known of it: friction on the rod, the payload's mass, no name by hand."""
     from simgap.diagnosis.diagnose import diagnose
     from simgap.diagnosis.record.record import Record

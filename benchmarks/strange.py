@@ -2,7 +2,7 @@
 
     python benchmarks/strange.py [--records "pushed cart-pole"] [--again]
 
-Records come from the generators of `diagnosis_cost.py`, `other_plants.py` and `many_effects.py`, which share no code
+Records come from the generators of `strange_joints.py`, `other_plants.py` and `many_effects.py`, which share no code
 with the fit. Of what the library holds, right is the hidden set, `attributed`, or one that is proven to be the same; of
 what it does not hold, an answer that names nothing that is not there and is not `attributed`. CPU s are of the
 diagnosis, putting the model together included, and without compiling what the machine has compiled before. Each row is
@@ -20,8 +20,8 @@ from typing import Any
 ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 
-import diagnosis_cost  # noqa: E402
 import other_plants  # noqa: E402
+import strange_joints  # noqa: E402
 from kept_rows import Rows  # noqa: E402
 from strange_table import strange  # noqa: E402
 
@@ -36,7 +36,7 @@ from tests.undeclared.scoring import mark  # noqa: E402
 
 OUT = ROOT / "benchmarks" / "results" / "strange.json"
 Truth = dict[tuple[str, str], dict[str, float]]
-# name -> record of diagnosis_cost.py, the effects of the library that are in it, whether that is all
+# name -> record of strange_joints.py, the effects of the library that are in it, whether that is all
 JOINTS: dict[str, tuple[str, tuple[tuple[str, str], ...], bool]] = {
     "motor, friction that depends on the place": (
         "strange motor", (("viscous_friction", "axis"), ("coulomb_friction", "axis")), False
@@ -69,7 +69,7 @@ def made(name: str) -> tuple[SymbolicModel, Record, Truth, bool]:
     """The model as declared, a record, the effects of the library in it, and whether these are all."""
     if name in JOINTS:
         bench, keys, whole = JOINTS[name]
-        model, record = diagnosis_cost.BENCHES[bench].made()
+        model, record = strange_joints.BENCHES[bench].made()
         return model, record, {key: {} for key in keys}, whole
     if name in OTHERS:
         record, truth, _ = other_plants.make(*OTHERS[name], 0)

@@ -136,21 +136,6 @@ def plain_run(data: Mapping[str, Any]) -> str:
     return markdown(["CPU s, before -> now", *(case.split("/")[-1] for case in cases)], rows)
 
 
-def long_record(data: Sequence[Mapping[str, Any]]) -> str:
-    """What a diagnosis costs."""
-    rows = [
-        [
-            f"{r['seconds']:g} s at {r['hertz']:g} Hz",
-            f"{r['rows']:,}",
-            r["verdict"],
-            f"{r['cpu_s']:.0f}",
-            f"{r['peak_gib']}",
-        ]
-        for r in data
-    ]
-    return markdown(["record", "samples", "verdict", "CPU s", "memory, GiB"], rows)
-
-
 def dry_friction(data: Sequence[Mapping[str, Any]]) -> str:
     """Records with rests: names, and what windows fitted jointly miss of windows fitted one by one."""
     rows = []
@@ -302,7 +287,6 @@ TABLES: Mapping[str, tuple[str, Callable[[Any], str]]] = {
     "dry_friction": ("dry_friction.json", dry_friction),
     "encoders": ("encoders.json", encoders),
     "recording_faults": ("recording_faults.json", recording_faults),
-    "long_record": ("long_record.json", long_record),
     "strange": ("strange.json", strange),
     "real_records": ("real_records.json", real_records),
     "ur10e": ("real_records.json", ur10e),

@@ -112,7 +112,7 @@ NARROW = WIDTH // 2
 LEAPS_ANYHOW = 3
 """Up to so many effects are tried wherever fewer do not reach the noise; more only where the linear problem promises
 that they leave less than half of chi^2, and named only if halves of the data agree. Five effects instead of three left
-nine tenths where nothing in the library explains the record ("strange pendulum" of benchmarks/diagnosis_cost.py), and
+nine tenths where nothing in the library explains the record ("strange pendulum" of benchmarks/strange_joints.py), and
 a hundredth or less where they were missing (benchmarks/many_effects.py)."""
 
 FEWEST_WINDOWS = 4

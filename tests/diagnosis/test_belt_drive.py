@@ -15,7 +15,7 @@ DT, NOISE = 0.002, 2e-5
 NUMBERS = {"m1": (0.8, "kg"), "m2": (1.5, "kg"), "k": (2500.0, "N/m"), "d": (2.0, "N*s/m"), "c": (3.0, "N*s/m")}
 
 
-def _belt() -> SymbolicModel:
+def belt_model() -> SymbolicModel:
     names = ("x1", "v1", "x2", "v2", "m1", "m2", "k", "d", "c", "F")
     x1, v1, x2, v2, m1, m2, k, d, c, force = (symbol(n) for n in names)
     pull = k * (x1 - x2) + d * (v1 - v2)
@@ -35,7 +35,7 @@ def _belt() -> SymbolicModel:
     )
 
 
-def _run(rng: np.random.Generator, seconds: float, ratio: float) -> Trace:
+def belt_run(rng: np.random.Generator, seconds: float, ratio: float) -> Trace:
     """Exact for a force that is held: the matrix exponential."""
     m1, m2, k, d, c = (v for v, _ in NUMBERS.values())
     k *= ratio
@@ -57,8 +57,8 @@ def _run(rng: np.random.Generator, seconds: float, ratio: float) -> Trace:
 def test_a_belt_a_fifth_too_soft_is_found_alone():
     """Its swings are a tenth slower than declared, and all else is right."""
     rng = np.random.default_rng(8117)
-    record = Record((_run(rng, 6.0, 0.8), _run(rng, 6.0, 0.8)), ("x1", "x2"), ("F",))
-    found = diagnose(_belt(), record, DiagnosisSettings())
+    record = Record((belt_run(rng, 6.0, 0.8), belt_run(rng, 6.0, 0.8)), ("x1", "x2"), ("F",))
+    found = diagnose(belt_model(), record, DiagnosisSettings())
     assert found.verdict == "attributed"
     (effect,) = found.effects
     assert (effect.name, effect.on) == ("parameter_error", "k")
