@@ -102,6 +102,26 @@ def test_figures_in_sentences_are_those_of_the_results(root):
             assert figure in page(f"docs/evidence/{name}.md"), (name, figure)
 
 
+def test_known_weaknesses_are_those_of_the_study(root):
+    records = json.loads((root / "benchmarks/results/undeclared.json").read_text())["records"]
+    text = " ".join((root / "docs/evidence/diagnosis.md").read_text().split())
+
+    def hidden(kind):
+        return [r for r in records if kind in {name for name, _ in r["truth"]}]
+
+    peaks = [r for r in records if r["study"] == "alike: small Stribeck peak"]
+    missed = [r for r in peaks if not r["exact"]]
+    weak = [r for r in hidden("input_delay") if r["verdict"] == "partial" and r not in hidden("spring")]
+    wrong = [r for r in hidden("input_delay") if r["verdict"] == "attributed" and not r["exact"]]
+    assert f"named in {len(peaks) - len(missed)} of {len(peaks)} records" in text
+    assert f"and {sum(r['listed'] for r in missed)} of these list the peak" in text
+    weak_springs = [r for r in hidden("spring") if r["verdict"] != "attributed"]
+    assert [len(weak), len(wrong), len(weak_springs)] == [8, 1, 9]
+    for words in ("Eight delays are `partial`", "one lag is `attributed`", "Nine records hide a spring"):
+        assert words in text, words
+    assert f"the only attribution to an absent cause in these {len(records)} records" in text
+
+
 def test_the_tutorial_quotes_its_run(root):
     found = json.loads((root / "benchmarks/results/tutorial.json").read_text())
     page, readme = ((root / name).read_text() for name in ("docs/tutorials/robot.md", "README.md"))
