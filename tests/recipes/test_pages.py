@@ -12,7 +12,7 @@ GENERATED = ("effects.md", "keys_stages.md", "keys_system.md")
 
 
 def pages(root):
-    return [root / "README.md", root / "CONTRIBUTING.md", *sorted(root.glob("docs/**/*.md"))]
+    return [root / "README.md", root / "CONTRIBUTING.md", root / "config/README.md", *sorted(root.glob("docs/**/*.md"))]
 
 
 @pytest.fixture
