@@ -66,9 +66,9 @@ def closed_loop(axes: plt.Axes, case: Path, results: Path, number: int | None, t
     runs = [run for run in runs if run.plant == "simulator"]
     if number is None:
         number = next(run.run for run in runs if run.controller == "nominal" and run.duration < SECONDS)
-    for kind in ("nominal", "gap"):
+    for kind, dashes in (("gap", "-"), ("nominal", "--")):  # both are seen where they coincide
         for run in (r for r in runs if r.controller == kind and r.run == number):
-            axes.plot(run.t, run.x[:, 0], color=COLOURS[kind], lw=2, label=NAMES[kind])
+            axes.plot(run.t, run.x[:, 0], dashes, color=COLOURS[kind], lw=2.5, label=NAMES[kind])
             if run.duration < SECONDS:
                 after = fall(case, run)
                 axes.plot(run.t[-1], run.x[-1, 0], "X", color="black", ms=10, mec="white", zorder=5)

@@ -6,6 +6,7 @@ The templates stand in `reports/` of a checkout; a wheel carries them as `simgap
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -76,7 +77,24 @@ def render(template: str, **content: Any) -> str:
     environment.filters |= {"number": number, "unit": pretty_unit, "phrase": phrase, "described": described}
     environment.globals["library"] = library
     style = Markup(reading.read_text(folder() / STYLE))  # quotes of font names must stay quotes
-    return printable(environment.get_template(template).render(style=style, **content))
+    return _with_contents(printable(environment.get_template(template).render(style=style, **content)))
+
+
+_SECTION = re.compile(r'<section(?: id="([\w-]+)")?>\s*<h2>(.*?)</h2>')
+
+
+def _with_contents(page: str) -> str:
+    """The page with links to its sections in its contents, if it has a place for them."""
+    head, mark, rest = page.partition('<nav class="contents" aria-label="Contents">')
+    links: list[str] = []
+
+    def named(found: re.Match[str]) -> str:
+        place, title = found[1] or f"part-{len(links)}", found[2]
+        links.append(f'<a href="#{place}">{title}</a>')
+        return f'<section id="{place}">\n  <h2>{title}</h2>'
+
+    rest = _SECTION.sub(named, rest)
+    return "".join([head, mark, *links, rest])
 
 
 def text(template: str, **content: Any) -> str:

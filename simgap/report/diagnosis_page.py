@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
+from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -117,8 +119,15 @@ def page(document: Mapping[str, Any], title: str, figures: Mapping[str, Any]) ->
 
 
 def _fold(fold: Mapping[str, Any]) -> str:
-    spans = [f"{w['from']:.3g} to {w['to']:.3g} s of {w['trace']}" for w in fold["windows"]]
-    return joined([*fold["traces"], *(spans if len(spans) <= 6 else [*spans[:5], f"{len(spans) - 5} more stretches"])])
+    windows = fold["windows"]
+    more = len(windows) - 5 if len(windows) > 6 else 0
+    by_trace = groupby(windows[: len(windows) - more], key=itemgetter("trace"))
+    spans = [f"{joined([_span(w) for w in own])} s of {trace}" for trace, own in by_trace]
+    return joined([*fold["traces"], *spans, *([f"{more} more stretches"] if more else [])])
+
+
+def _span(window: Mapping[str, Any]) -> str:
+    return f"{window['from']:.3g} to {window['to']:.3g}"
 
 
 def _meaning(document: Mapping[str, Any]) -> str:

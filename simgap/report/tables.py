@@ -161,7 +161,7 @@ def corrected(m: Material) -> Rows:
     rows += _measured(m)
     for kind, name in TITLES.items():
         before, later = m.syntheses[kind]["winning_fraction"], after["winning_fraction"][kind]
-        rows.append({"what": f"winning fraction, {name}", "before": before, "after": later, "unit": ""})
+        rows.append({"what": f"winning fraction, {name}", "before": 100 * before, "after": 100 * later, "unit": "%"})
     for kind, name in TITLES.items():
         tallies = (m.validation["controllers"], after["closed_loop"])
         first, second = (t[kind][SIMULATOR]["runs_that_violated_it"] for t in tallies)

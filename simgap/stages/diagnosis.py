@@ -30,7 +30,7 @@ from simgap.io.recordings.tables import rig_record
 from simgap.io.rerun.diagnosis import write_recording
 from simgap.lint.measured import check_measured, refuse_links, refuse_unknown
 from simgap.model.symbolic import SymbolicModel
-from simgap.notation import number
+from simgap.notation import number, pretty_unit
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.report.diagnosis_document import document
@@ -65,7 +65,7 @@ def outside(context: Context, record: Record) -> str | None:
         out = (own < lo - slack) | (own > hi + slack)
         any_of |= out
         if out.any():
-            where, unit = ("X" if name in context.states else "U"), context.units[name]
+            where, unit = ("X" if name in context.states else "U"), pretty_unit(context.units[name])
             far = float(own[np.argmax(np.maximum(lo - own, own - hi))])
             outside_parts.append(f"{name} reaches {number(far, 3)} {unit}, {where} [{number(lo, 3)}, {number(hi, 3)}]")
     if not outside_parts:

@@ -89,8 +89,8 @@ def test_the_page_tells_what_comes_nearest_and_what_else_would_help(tmp_path):
     near = Nearest((drag,), 0.43, ("halves of the data give different numbers",))
     write(tmp_path, "unexplained", nearest=near, left_over=(LeftOver(bias, 0.27),))
     page = (tmp_path / "out" / "report.html").read_text()
-    nearest = page[page.index("Nearest explanation") : page.index("Other effects that would reduce")]
-    over = page[page.index("Other effects that would reduce") : page.index("Error before and after")]
+    nearest = page[page.index("<h2>Nearest explanation") : page.index("<h2>Other effects")]
+    over = page[page.index("<h2>Other effects") : page.index("<h2>Error before and after")]
     for told in ("viscous friction", "0.0714", "43 %", "halves of the data give different numbers"):
         assert told in nearest
     for told in ("input bias", "0.031", "27 %", "None is established"):
@@ -112,7 +112,7 @@ def test_the_page_stands_alone(written):
     assert page.count("<svg") >= 4
     outside = re.findall(r'(?:src|href)="(?!#)([^"]+)"', page)
     assert [link for link in outside if not link.startswith("http://www.w3.org")] == []
-    assert "from the held-out data <em>confirm</em> alone: 2 to 3 s of bench and 6 to 7 s of bench" in page
+    assert "from the held-out data <em>confirm</em> alone: 2 to 3 and 6 to 7 s of bench" in page
     for heading in (
         "Error before and after",
         "Measured against predicted",

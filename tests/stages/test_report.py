@@ -176,7 +176,7 @@ def test_the_corrected_case_stands_beside_the_first(pendulum, tmp_path):
     given = ReportFiles(**arguments, **corrected(case, folder / "gap.json", tmp_path / "summary.json", arguments))
     report.run(case, given, tmp_path / "report.html", tmp_path / "after.json")
     shown = page(tmp_path)
-    assert re.search(r"winning fraction, gap-aware\s*[\d.]+\s*0.8125", shown.text)
+    assert re.search(r"winning fraction, gap-aware\s*[\d.]+\s*81.25\s*%", shown.text)
     assert "corrected/report.html" in shown.addresses
 
 
@@ -274,7 +274,7 @@ def test_the_index_links_every_case(pendulum, robot, tmp_path):
     assert {"pendulum/corrected/report.html", "pendulum/diagnosis/corrected_case.yaml"} <= set(shown.addresses)
     assert f"data:image/png;base64,{base64.b64encode(pixel).decode()}" in shown.addresses
     assert "A robot among obstacles" in shown.text
-    assert re.search(r"corrected\s*kept.*0\.812", shown.text)
+    assert re.search(r"corrected\s*kept.*81\.2 %", shown.text)
     assert "1 of 2 fair baseline" in shown.text
     size = content["sup_gamma"][0]["states"]["heading"]["size"]
     assert f"heading {number(size, 3)} rad" in shown.text
@@ -321,3 +321,11 @@ def test_a_missing_result_is_named(pendulum, tmp_path):
     with pytest.raises(UserError, match=r"traces\.parquet.*does not exist"):
         report.run(case, ReportFiles(**given), tmp_path / "report.html", tmp_path / "summary.json")
     assert not (tmp_path / "report.html").exists()
+
+
+def test_the_contents_link_every_section(pendulum):
+    text = (pendulum[0] / "report.html").read_text()
+    places = re.findall(r'<section id="([^"]+)">\s*<h2>', text)
+    contents = re.search(r'<nav class="contents"[^>]*>(.*?)</nav>', text)
+    assert re.findall(r'href="#([^"]+)"', contents[1]) == places
+    assert len(set(places)) == text.count("<h2>") > 8

@@ -159,8 +159,6 @@ def _jointed(recording: Any, scene: JointScene, prefix: str, offset: Floats, tra
 
 def _planar(recording: Any, content: Content, scene: PlanarScene) -> None:
     """The arena with obstacles and target, and a robot for each controller with the path behind it."""
-    import rerun as rr
-
     _floor(recording, "scene/arena", scene.arena, rgb("#ECEFF2"), 0.01, below=True)
     if scene.target is not None:
         _floor(recording, "scene/target", scene.target, rgb(style.YELLOW), 0.012)
@@ -172,14 +170,8 @@ def _planar(recording: Any, content: Content, scene: PlanarScene) -> None:
         model = twin(content.traces, trace)
         if model is not None:
             _path(recording, scene, f"scene/{controller}/{MODEL.replace(' ', '_')}", model, rgb(style.GREY))
-        x, y = trace.x[0, list(scene.axes[:2])]
-        start = rr.Points3D(
-            [(x, y, 0.03)],
-            radii=0.25 * scene.radius,
-            labels=[f"{TITLES[controller]}: start"],
-            colors=rgb(COLOURS[controller]),
-        )
-        recording.log(f"scene/{controller}/start", start, static=True)
+        end = np.append(trace.x[-1, list(scene.axes[:2])], 0.03)  # both runs begin at one state
+        _label(recording, f"scene/{controller}/label", end, TITLES[controller], COLOURS[controller])
 
 
 def _floor(recording: Any, entity: str, box: Box, colour: list[int], height: float, below: bool = False) -> None:

@@ -56,7 +56,8 @@ class MissingRows(SeenFault):
         if filled.rows == record.rows:
             return record, ()
         share = 1.0 - record.rows / filled.rows
-        return filled, (self.told("", share, f"{100 * share:.2g} % of the rows are missing; they are not compared."),)
+        sentence = f"{100 * share:.2g} % of the rows within traces are missing; they are not compared."
+        return filled, (self.told("", share, sentence),)
 
 
 class _LostReadings(SeenFault):
