@@ -170,8 +170,6 @@ def _planar(recording: Any, content: Content, scene: PlanarScene) -> None:
         model = twin(content.traces, trace)
         if model is not None:
             _path(recording, scene, f"scene/{controller}/{MODEL.replace(' ', '_')}", model, rgb(style.GREY))
-        end = np.append(trace.x[-1, list(scene.axes[:2])], 0.03)  # both runs begin at one state
-        _label(recording, f"scene/{controller}/label", end, TITLES[controller], COLOURS[controller])
 
 
 def _floor(recording: Any, entity: str, box: Box, colour: list[int], height: float, below: bool = False) -> None:
