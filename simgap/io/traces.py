@@ -128,8 +128,8 @@ def shown(traces: Sequence[Trace], controller: str) -> Trace:
     """The run of a controller in the simulator that the pictures show.
 
     Of the nominal-only controller the one that takes longest to violate if there are any that do, so that a reader sees
-    how it comes about, and the first one otherwise; of another the run from that start. One that violates is shown
-    whatever its start, and where a controller has no run from that start, its first.
+    how it comes about, and otherwise the one that is cut short most; of another the run from that start. One that
+    violates is shown whatever its start, and where a controller has no run from that start, its first.
 
     Raises:
         UserError: no trace of this controller.
@@ -144,8 +144,16 @@ def shown(traces: Sequence[Trace], controller: str) -> Trace:
     if violating:
         return max(violating, key=lambda t: t.duration)
     beside = [t for t in traces if t.controller == NOMINAL and t.plant == SIMULATOR]
-    number = own[0].run if controller == NOMINAL or not beside else shown(traces, NOMINAL).run
+    if controller == NOMINAL or not beside:
+        return max(own, key=lambda run: cut_short(traces, run))
+    number = shown(traces, NOMINAL).run
     return next((t for t in own if t.run == number), own[0])
+
+
+def cut_short(traces: Sequence[Trace], run: Trace) -> float:
+    """How much earlier a run ends than the same controller on the nominal model, s; 0 if that was not kept."""
+    model = twin(traces, run)
+    return 0.0 if model is None else model.duration - run.duration
 
 
 def twin(traces: Sequence[Trace], of: Trace) -> Trace | None:

@@ -50,13 +50,23 @@ def _found(document: Document) -> str:
             "data that were never fitted: look for a torque column or a drive gain that is not what the case says, or "
             "for a force that was not measured."
         )
-    own = [describe(e) for e in effects if e["name"] != INERTIAL]
+    own = _told([e for e in effects if e["name"] != INERTIAL])
     links = [e["on"] for e in effects if e["name"] == INERTIAL]
     parts = [*own, *([f"other inertial parameters of {joined(links)}"] if links else [])]
     what = joined(parts)
     verb = "explains" if own == parts and len(parts) == 1 else "explain" if len(parts) == 1 else "together explain"
     text = f"{what[0].upper()}{what[1:]} {verb} {explained(document)} of the torques."
     return f"{text}{_mounted(document)}"
+
+
+def _told(effects: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Each effect with its numbers, or of many the kinds with their places: the table has the numbers."""
+    if len(effects) <= MOST_NUMBERS:
+        return [describe(e) for e in effects]
+    places: dict[str, list[str]] = {}
+    for e in effects:
+        places.setdefault(e["name"], []).append(str(e["on"]))
+    return [effect(name).phrase(joined(own)) for name, own in places.items()]
 
 
 def _mounted(document: Document) -> str:
@@ -78,6 +88,7 @@ def _listed(traces: Sequence[str]) -> list[str]:
 TEMPLATE = "arm_diagnosis.html.j2"
 COLUMNS = (*TERMS, "input_gain")
 MOST_TRACES = 3
+MOST_NUMBERS = 4
 MEANING = {
     "none": "On data that were never fitted the model as declared misses the torques by no more than their noise.",
     "attributed": "With these effects, torques that were never fitted are missed by no more than their noise.",

@@ -59,4 +59,4 @@ def _fate(trace: Trace) -> str:
     if trace.violates:
         first = float(trace.t[~trace.safe][0])
         return f"**unsafe after {first:g} s**"
-    return f"safe for all {trace.duration:g} s"
+    return f"safe until its end after {trace.duration:g} s"

@@ -88,6 +88,15 @@ def test_the_pendulum_swings_about_its_hinge(made):
     np.testing.assert_allclose(quaternions[:, [0, 2]], 0.0, atol=1e-7)
 
 
+def test_a_run_that_ends_early_is_shown_where_none_is_unsafe(made):
+    """A controller without an admissible input stops in safe states: that is a failure that a reader should see."""
+    traces = [replace(t, safe=np.ones_like(t.safe)) for t in split(table(made), ["x1", "x2"], ["u"])]
+    last = [t for t in traces if t.controller == NOMINAL and twin(traces, t) not in (None, t)][-1]
+    traces = [replace(t, t=t.t[:2]) if t is last else t for t in traces if t.controller != NOMINAL or t.run == last.run]
+    earlier = [replace(t, run=t.run + 50, t=last.t) for t in traces if t.controller == NOMINAL]
+    assert shown([*earlier, *traces], NOMINAL).run == last.run
+
+
 def test_shown_runs_are_the_telling_ones(made):
     traces = split(table(made), ["x1", "x2"], ["u"])
     worst, best = shown(traces, NOMINAL), shown(traces, GAP_AWARE)

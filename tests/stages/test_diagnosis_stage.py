@@ -91,11 +91,11 @@ def test_the_page_tells_what_comes_nearest_and_what_else_would_help(tmp_path):
     page = (tmp_path / "out" / "report.html").read_text()
     nearest = page[page.index("<h2>Nearest explanation") : page.index("<h2>Other effects")]
     over = page[page.index("<h2>Other effects") : page.index("<h2>Error before and after")]
-    for told in ("viscous friction", "0.0714", "43 %", "halves of the data give different numbers"):
+    for told in ("Viscous friction", "0.0714", "43 %", "halves of the data give different numbers"):
         assert told in nearest
-    for told in ("input bias", "0.031", "27 %", "None is established"):
+    for told in ("Input bias", "0.031", "27 %", "None is established"):
         assert told in over
-    assert "input bias" not in nearest
+    assert "Input bias" not in nearest
 
 
 def test_the_page_says_that_a_remainder_is_not_in_gamma(tmp_path):

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 from simgap.config.validation import ValidationSection
 from simgap.gap.bounds.function import PROVEN
 from simgap.gap.fitting.dimension_fit import deterministic_tier
-from simgap.report import headline, tables
+from simgap.report import arm_document, headline, tables
 from simgap.report.content import unproven
 from simgap.report.headline import little_won
 
@@ -98,3 +98,17 @@ def test_the_headline_says_what_its_number_of_runs_excludes():
     assert "full run" not in headline._sample(page(20, 0, starts=20))  # a full run takes no more than the case says
     assert "at most 14 %" in headline._sample(page(21, 0, first=1, starts=21))  # 13.91 %: a given start is not drawn
     assert "at most 2.1 %" in headline._sample(page(300, 2))  # 0.0209: rounded up
+
+
+def test_many_effects_of_an_arm_are_told_by_kind():
+    def friction(kind, symbol, joint):
+        found = {"value": 2.0, "ci95": [1.9, 2.1], "unit": "N*m"}
+        return {"name": kind, "on": joint, "parameters": {symbol: found}}
+
+    joints = ("j1", "j2", "j3")
+    kinds = {"coulomb_friction": "F_c", "viscous_friction": "b"}
+    effects = [friction(kind, symbol, j) for kind, symbol in kinds.items() for j in joints]
+    told = {"verdict": "partial", "recording": [], "payloads": [], "explained_share": 0.8, "explained_error": None}
+    few, many = (arm_document.sentence(told | {"effects": effects[:n]}) for n in (2, 6))
+    assert few.startswith("Coulomb friction of 2.0 ± 0.1 N m at the j1 and Coulomb friction of 2.0 ")
+    assert many.startswith("Coulomb friction at the j1, j2 and j3 and viscous friction at the j1, j2 and j3 together ")

@@ -303,7 +303,7 @@ def propose(
                 return search.proposal(_held(search, tried, share, [cells, *rounds], tell, budget), tried)
     if not tried:
         raise UserError(
-            f"not found: {seconds:g} s do not suffice for a controller on the coarsest cells", key="synthesis.cells",
+            f"not found in the time: {seconds:g} s do not suffice for the coarsest cells", key="synthesis.cells",
             remedy="Search longer (--seconds).",
         )  # fmt: skip
     most = max(tried, key=lambda t: (t.wins, math.prod(t.cells)))

@@ -40,7 +40,7 @@ from simgap.io.rerun.recording import (
     share_of_bound,
 )
 from simgap.io.rerun.scene import log_scene, robot_name, stance, viewed
-from simgap.io.traces import GAP_AWARE, NOMINAL, SIMULATOR, TITLES, Trace, twin
+from simgap.io.traces import GAP_AWARE, NOMINAL, SIMULATOR, TITLES, Trace, cut_short, twin
 from simgap.notation import axis_label
 from simgap.synthesis.controller import Controller
 
@@ -111,6 +111,8 @@ def events(content: Content, controller: str, trace: Trace) -> list[tuple[float,
     elif content.controllers[controller].in_target(trace.x[-1:])[0]:
         arrived = float(trace.t[content.controllers[controller].in_target(trace.x)][0])
         out.append((arrived, f"{title}: target reached after {arrived:g} s", "INFO"))
+    elif cut_short(content.traces, trace) > 0.0:
+        out.append((trace.duration, f"{title}: ends without an admissible input", "WARN"))
     elif content.controllers[controller].solution.target is not None:
         out.append((trace.duration, f"{title}: ends without reaching the target", "WARN"))
     else:
@@ -182,7 +184,7 @@ def log_phase(recording: Any, content: Content) -> None:
         if controller == GAP_AWARE:
             colour = rgb("#00436B")
         recording.log(f"{name}/path", rr.LineStrips2D([points], colors=colour, radii=0.35 * size), static=True)
-        look = rr.Points2D.from_fields(colors=rgb(style.BLACK), radii=1.6 * size, labels=TITLES[controller])
+        look = rr.Points2D.from_fields(colors=colour, radii=1.6 * size)
         recording.log(f"{name}/state", look, static=True)
         recording.send_columns(
             f"{name}/state", [rr.TimeColumn(TIMELINE, duration=trace.t)], rr.Points2D.columns(positions=points)

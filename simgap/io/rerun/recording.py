@@ -124,7 +124,7 @@ def recording_file(path: Path, application: str, identifier: str, blueprint: Any
     recording = rr.RecordingStream(application, recording_id=identifier)
     memory = recording.memory_recording()
     if blueprint is not None:
-        recording.send_blueprint(blueprint, make_active=False, make_default=True)
+        recording.send_blueprint(blueprint, make_active=True, make_default=True)
     yield recording
     recording.flush()
     content = memory.drain_as_bytes()

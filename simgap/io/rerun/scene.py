@@ -52,11 +52,14 @@ def robot_name(urdf: Path) -> str:
 
 def _joints(recording: Any, content: Content, scene: JointScene) -> None:
     """A copy for each controller: the simulator solid, the nominal model as a ghost, limits of the safe set in grey."""
+    import rerun as rr
+
     _, across, reach = stance(scene)
     for number, (controller, trace) in enumerate(content.shown.items()):
         offset = APART * reach * (number - 0.5) * across
         above = offset + np.array([0.0, 0.0, 0.1 * reach])
-        _label(recording, f"scene/{controller}/label", above, TITLES[controller], COLOURS[controller])
+        label = rr.Points3D([above], labels=[TITLES[controller]], colors=rgb(COLOURS[controller]), radii=0.012)
+        recording.log(f"scene/{controller}/label", label, static=True)
         _jointed(recording, scene, f"body_{controller}_simulator", offset, trace, rgb(COLOURS[controller]))
         model = twin(content.traces, trace)
         if model is not None:
@@ -106,12 +109,6 @@ def _rotated(axis: Floats, angle: float, v: Floats) -> Floats:
     """Rodrigues' rotation of v about a unit axis."""
     cross, along = np.cross(axis, v), axis * np.dot(axis, v)
     return np.asarray(v * np.cos(angle) + cross * np.sin(angle) + along * (1.0 - np.cos(angle)))
-
-
-def _label(recording: Any, entity: str, at: Floats, text: str, colour: str) -> None:
-    import rerun as rr
-
-    recording.log(entity, rr.Points3D([at], labels=[text], colors=rgb(colour), radii=0.012), static=True)
 
 
 def _tree(urdf: Path, prefix: str) -> Any:
@@ -170,8 +167,6 @@ def _planar(recording: Any, content: Content, scene: PlanarScene) -> None:
         model = twin(content.traces, trace)
         if model is not None:
             _path(recording, scene, f"scene/{controller}/{MODEL.replace(' ', '_')}", model, rgb(style.GREY))
-        end = np.append(trace.x[-1, list(scene.axes[:2])], 0.03)  # both runs begin at one state
-        _label(recording, f"scene/{controller}/label", end, TITLES[controller], COLOURS[controller])
 
 
 def _floor(recording: Any, entity: str, box: Box, colour: list[int], height: float, below: bool = False) -> None:
