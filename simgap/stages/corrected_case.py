@@ -20,8 +20,7 @@ from simgap.config.load import case_content, parse_case
 from simgap.config.model_files import move_files
 from simgap.config.plant import AddedEffect
 from simgap.diagnosis.verdict.remainder import RemainderUse
-from simgap.effects import AppliedEffect, effect
-from simgap.effects.commands import MemoryInputEffect
+from simgap.effects import AppliedEffect, delays_and_lags, effect
 from simgap.geometry import Box, Grid
 from simgap.notation import one_line
 from simgap.plants.plant_model import PlantModel
@@ -57,7 +56,9 @@ class Augmentation:
 
 def plan(case: Case, applied: Sequence[AppliedEffect]) -> Augmentation:
     """Decide for a case that checks, with all effects that its plant will have."""
-    lagged, delays = _remembered(applied)
+    remembered = delays_and_lags(applied)
+    lagged = sorted(on for on, (_, lag) in remembered.items() if lag > 0.0)
+    delays = {on: delay for on, (delay, _) in remembered.items() if delay > 0.0}
     if case.domain is None or not (lagged or delays):
         return Augmentation({}, False, ())
     ranges = {on: _felt(case.domain.U[on], applied, on) for on in lagged}
@@ -81,18 +82,6 @@ def plan(case: Case, applied: Sequence[AppliedEffect]) -> Augmentation:
             "these cells and inputs, or not for this specification. Gamma covers it."
         )
     return Augmentation(ranges if fits else {}, pending, tuple(words))
-
-
-def _remembered(applied: Sequence[AppliedEffect]) -> tuple[list[str], dict[str, float]]:
-    """The inputs that lag, and the delay (s) of those that act late."""
-    lagged, delays = set(), dict[str, float]()
-    for a in applied:
-        kind = effect(a.name)
-        if isinstance(kind, MemoryInputEffect):
-            delay, lag = kind.seconds(a.values)
-            lagged |= {a.on} if lag > 0.0 else set()
-            delays |= {a.on: delays.get(a.on, 0.0) + delay} if delay > 0.0 else {}
-    return sorted(lagged), delays
 
 
 def augment(content: dict[str, Any], case: Case, chosen: Augmentation) -> None:
