@@ -27,9 +27,8 @@ from simgap.plants.plant_model import PlantModel
 from simgap.simulators.commands import CommandPath
 from simgap.specifications.base import specification_of
 from simgap.stages.acted_out import ActedOut
-from simgap.synthesis.games.pending import LARGEST_NODES, bytes_of_nodes
-from simgap.synthesis.games.sensing import LARGEST_MASK
-from simgap.synthesis.input_sets import packed_width
+from simgap.synthesis.games.pending import bytes_of_nodes
+from simgap.synthesis.input_sets import LARGEST_TABLES, packed_width
 
 LARGEST_ROLLOUTS = 2_000_000
 """Most roll-outs (cells of `grid.eps` times inputs) with a lag as a state."""
@@ -139,8 +138,8 @@ def _one_sample(case: Case, delays: Mapping[str, float]) -> bool:
     inputs = _inputs(case)
     cells = math.prod(case.synthesis.cells)
     if specification_of(case).on_true_cells:
-        return near and free and cells * inputs * packed_width(inputs) <= LARGEST_MASK
-    return near and free and bytes_of_nodes(cells, inputs) <= LARGEST_NODES
+        return near and free and cells * inputs * packed_width(inputs) <= LARGEST_TABLES
+    return near and free and bytes_of_nodes(cells, inputs) <= LARGEST_TABLES
 
 
 def _inputs(case: Case) -> int:

@@ -30,7 +30,7 @@ from simgap.synthesis.abstraction.cells import Abstraction, clip_boxes, count_ho
 from simgap.synthesis.games.game import CellGame, certified
 from simgap.synthesis.games.invariance import admissible_inputs, row_index
 from simgap.synthesis.games.threads import over_rows
-from simgap.synthesis.input_sets import Bytes, Words, to_bytes, unpack, words_of
+from simgap.synthesis.input_sets import LARGEST_TABLES, Bytes, Words, to_bytes, unpack, words_of
 
 UNTOUCHED, NONE, SOME = 0, 1, 2
 
@@ -137,10 +137,6 @@ def clear_paths(paths: Abstraction, free: Bools, threads: int) -> Bools:
     return unpack(mask, len(paths.inputs))
 
 
-LARGEST_NODES = 1_500_000_000
-"""Most bytes of the nodes' sets of inputs, levels and flags together."""
-
-
 def bytes_of_nodes(cells: int, inputs: int, classes: int = 1) -> int:
     """Memory that a game takes: sets of inputs, levels and flags."""
     return classes * cells * inputs * (8 * (-(-inputs // 64)) + 8)
@@ -161,10 +157,10 @@ class LateGame(CellGame):
     def __post_init__(self) -> None:
         inputs = len(self.boxes[0].inputs)
         needed = bytes_of_nodes(self.grid.size, inputs, len(self.boxes))
-        if needed > LARGEST_NODES:
+        if needed > LARGEST_TABLES:
             raise UserError(
                 f"{self.grid.size} cells with {inputs} pending inputs are too many for a controller with latency: "
-                f"{needed / 1e9:.1f} GB of nodes, at most {LARGEST_NODES / 1e9:.1f} GB",
+                f"{needed / 1e9:.1f} GB of nodes, at most {LARGEST_TABLES / 1e9:.1f} GB",
                 key="synthesis.cells",
                 remedy="Use fewer cells or inputs",
             )
