@@ -192,8 +192,8 @@ MUTANTS: list[Mutant] = [
     *_of(
         "synthesis/input_sets.py",
         KERNELS,
-        ("sensing windows do not wrap", "other %= cells", "other = min(max(other, 0), cells - 1)"),
-        ("sensing windows miss their last cell", "range(-margin, margin + 1)", "range(-margin, margin)"),
+        ("sensing windows do not wrap", "to &= np.roll(near, by, axis=0)", "to &= near"),
+        ("sensing windows miss their last cell", "range(1, m + 1)", "range(1, m)"),
         ("margins are rounded down", "int(np.ceil(e / (2.0 * h) + 1e-9))", "int(np.floor(e / (2.0 * h) + 1e-9))"),
         (
             "an error on a face does not reach the next cell",

@@ -74,10 +74,6 @@ class Box:
         """Membership of points: (..., n) -> (...)."""
         return np.all((x >= self.lo) & (x <= self.hi), axis=-1)
 
-    def within(self, other: Box) -> bool:
-        """Whether this box lies in `other`."""
-        return bool(np.all(self.lo >= other.lo) and np.all(self.hi <= other.hi))
-
     def sample(self, rng: np.random.Generator, n: int) -> Floats:
         """n points drawn uniformly: -> (n, dimensions)."""
         return rng.uniform(self.lo, self.hi, size=(n, self.size))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Any
 
@@ -97,21 +97,22 @@ class Judge:
         """
         numbers = list(numbers)
         wanted = set(again) & set(numbers)
-        tally, kept = Tally(), dict[int, Verdict]()
+        outcomes, outside_gamma, kept = list[Outcome](), 0, dict[int, Verdict]()
         promised, broken = self.certificate is not None, False
         following, number = iter(runs), iter(numbers)
         while batch := [self.verdict(run) for run in islice(following, BATCH)]:
             outside = split_by_run(self.audit([v.run for v in batch]).outside, [v.run for v in batch])
             for verdict, count in zip(batch, outside, strict=True):
                 held, start = self.certified(verdict, count), next(number)
-                tally.add(held.outcome, count)
+                outcomes.append(held.outcome)
+                outside_gamma += count
                 if start in wanted:
                     kept[start] = held
                 elif not wanted:
                     keep_some(kept, start, held, keep)
                 elif not held.outcome.kept and promised and not broken:  # what breaks a promise is always to be seen
                     kept[start], broken = held, True
-        return self.monitor.summary(tally.outcomes) | tally.to_json(), kept
+        return self.monitor.summary(outcomes) | tallied(outcomes, outside_gamma), kept
 
 
 def strays(certificate: Solution, run: Run) -> int:
@@ -138,31 +139,19 @@ def strays(certificate: Solution, run: Run) -> int:
     return int((~kept).sum())
 
 
-@dataclass
-class Tally:
-    """Counts over runs."""
-
-    outcomes: list[Outcome] = field(default_factory=list)
-    outside_gamma: int = 0
-
-    def add(self, outcome: Outcome, outside: int = 0) -> None:
-        """Count one run with the number of its steps outside gamma."""
-        self.outcomes.append(outcome)
-        self.outside_gamma += outside
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain data."""
-        failed = [o.steps for o in self.outcomes if not o.kept]
-        ends = [o.end for o in self.outcomes]
-        return {
-            "runs": len(self.outcomes),
-            "steps": sum(o.steps for o in self.outcomes),
-            "runs_that_kept_the_specification": len(self.outcomes) - len(failed),
-            "runs_that_violated_it": len(failed),
-            "ends": {end: ends.count(end) for end in sorted(set(ends))},
-            "steps_outside_gamma": self.outside_gamma,
-            "median_steps_until_violation": float(np.median(failed)) if failed else None,
-        }
+def tallied(outcomes: Sequence[Outcome], outside_gamma: int) -> dict[str, Any]:
+    """Counts over runs as plain data; `outside_gamma` is how many of their steps lie outside gamma."""
+    failed = [o.steps for o in outcomes if not o.kept]
+    ends = [o.end for o in outcomes]
+    return {
+        "runs": len(outcomes),
+        "steps": sum(o.steps for o in outcomes),
+        "runs_that_kept_the_specification": len(outcomes) - len(failed),
+        "runs_that_violated_it": len(failed),
+        "ends": {end: ends.count(end) for end in sorted(set(ends))},
+        "steps_outside_gamma": outside_gamma,
+        "median_steps_until_violation": float(np.median(failed)) if failed else None,
+    }
 
 
 def keep_some(kept: dict[int, Verdict], number: int, verdict: Verdict, count: int) -> None:

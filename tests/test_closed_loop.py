@@ -5,7 +5,7 @@ import pytest
 
 from simgap.closed_loop import Sensing, batch_loop, closed_loop, scalar_lookup
 from simgap.geometry import Box, Grid
-from simgap.judge import Tally, split_by_run, steps_of
+from simgap.judge import split_by_run, steps_of, tallied
 from simgap.specifications.invariance import Inside
 from simgap.specifications.monitor import Run
 
@@ -127,10 +127,7 @@ def test_counting():
     x, u, following = steps_of([good, out], INPUTS)
     assert (len(x), len(u), following[-1, 0]) == (4, 4, 2.0)
     assert split_by_run([True, False, True, True], [good, out]) == [2, 1]
-    tally = Tally()
-    tally.add(judged[0].outcome, 0)
-    tally.add(judged[1].outcome, 1)
-    content = tally.to_json()
+    content = tallied([judged[0].outcome, judged[1].outcome], 1)
     assert content["runs_that_violated_it"] == 1
     assert content["steps_outside_gamma"] == 1
     assert content["median_steps_until_violation"] == 1.0

@@ -55,16 +55,9 @@ class GapProblem:
     @staticmethod
     def of(context: Context, simulator: Simulator, gap: GapFunction) -> GapProblem:
         """Search for a simulator that is a function of state and input, or a range of it where commands are late."""
-
-        def successors(x: Floats, u: Floats) -> tuple[Floats, Floats]:
-            if simulator.remembers:
-                return simulator.spread(x, u)
-            following = simulator.rollouts(x, u)
-            return following, following
-
         step, domain = context.plant.sampled.step, gap.domain
         places = places_of_jumps(context, domain)
-        return GapProblem(successors, step, gap.bounds, context.box, context.input_set, domain.free, places)
+        return GapProblem(simulator.spread, step, gap.bounds, context.box, context.input_set, domain.free, places)
 
 
 class PointSearch:

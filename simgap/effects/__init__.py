@@ -27,6 +27,7 @@ __all__ = [
     "StaticInputEffect",
     "apply_effects",
     "check_listed",
+    "delays_and_lags",
     "effect",
 ]
 
@@ -94,6 +95,22 @@ def check_listed(declared: Sequence[Declared], key: str) -> None:
             kind.check_values(added.parameters)
         except UserError as error:
             raise UserError(error.problem, key=f"{own}.{error.key or inner}", remedy=error.remedy) from None
+
+
+def delays_and_lags(effects: Iterable[AppliedEffect]) -> dict[str, tuple[float, float]]:
+    """Delay and time constant of the lag, s, of every input on which an effect remembers commands.
+
+    Raises:
+        UserError: a value that is missing or unphysical.
+    """
+    found: dict[str, tuple[float, float]] = {}
+    for e in effects:
+        kind = effect(e.name)
+        if isinstance(kind, MemoryInputEffect):
+            kind.check_values(e.values)
+            (delay, lag), own = kind.seconds(e.values), found.get(e.on, (0.0, 0.0))
+            found[e.on] = own[0] + delay, own[1] + lag
+    return found
 
 
 def apply_effects(model: SymbolicModel, applied: Iterable[AppliedEffect]) -> SymbolicModel:

@@ -176,10 +176,6 @@ class Effect(ABC):
         """Name of the state that carries what the effect remembers of the input `on`; None if no state does."""
         return None
 
-    def lateness(self, values: Mapping[str, float]) -> float:
-        """Seconds by which inputs act later under it, to first order; its stand-in where its memory is left out."""
-        return 0.0
-
     def doubt(self, values: Mapping[str, float], places: tuple[float, float]) -> str:
         """Why the places where its coordinate was, lowest and highest, do not show that it is this; '' if they do."""
         return ""

@@ -57,10 +57,6 @@ class MemoryInputEffect(InputEffect):
         numbers = {name: sp.Float(value) for name, value in values.items()}
         return float(self.delay(numbers)), float(self.lag(numbers))
 
-    def lateness(self, values: Mapping[str, float]) -> float:
-        """Delay and lag together: for slow commands they are alike."""
-        return sum(self.seconds(values))
-
     def memory_state(self, on: str) -> str | None:
         """The actuator's output, if there is a lag."""
         lag = self.lag({p.symbol: symbol(p.symbol) for p in self.parameters})

@@ -12,7 +12,7 @@ from simgap.arrays import Floats
 from simgap.config.case import Case
 from simgap.config.load import load_case
 from simgap.config.plant import PlantSection
-from simgap.effects import AppliedEffect, apply_effects, check_listed, effect
+from simgap.effects import AppliedEffect, apply_effects, check_listed, delays_and_lags, effect
 from simgap.errors import UserError
 from simgap.geometry import Box
 from simgap.model.drake_system import symbolic_plant
@@ -160,11 +160,11 @@ class PlantModel:
             check_declared(self.declared, self.section, self.folder / self.section.urdf, box, inputs)
 
     def corrected_by(self, found: Sequence[AppliedEffect]) -> tuple[SymbolicModel, dict[str, float]]:
-        """`corrected` with further effects but no further memory: -> model, input -> seconds by which it acts later."""
-        late: dict[str, float] = {}
-        for e in found:
-            if effect(e.name).remembers and effect(e.name).kind == "input":
-                late[e.on] = late.get(e.on, 0.0) + effect(e.name).lateness(e.values)
+        """`corrected` with further effects but no further memory: -> model, input -> seconds by which it acts later.
+
+        For slow commands delay and lag are alike.
+        """
+        late = {on: delay + lag for on, (delay, lag) in delays_and_lags(found).items()}
         return apply_effects(self.corrected, [e for e in found if not effect(e.name).remembers]), late
 
 

@@ -16,8 +16,7 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.config.case import Case
 from simgap.config.plant import AddedEffect
-from simgap.effects import StaticInputEffect, effect
-from simgap.effects.commands import InputEffect, MemoryInputEffect
+from simgap.effects import AppliedEffect, InputEffect, StaticInputEffect, delays_and_lags, effect
 from simgap.errors import UserError
 from simgap.late import sympy as sp
 from simgap.model.symbolic import symbol
@@ -71,12 +70,8 @@ class CommandPath:
     @staticmethod
     def of(effects: Sequence[AddedEffect], name: str, values: Sequence[float], known_delay: float) -> CommandPath:
         """From the effects on one input; `known_delay` (s) of it is the controller's latency and not the plant's."""
-        delay, lag = 0.0, 0.0
-        for kind, added in ((effect(e.name), e) for e in effects if e.on == name):
-            if isinstance(kind, MemoryInputEffect):
-                kind.check_values(added.parameters)
-                later, slower = kind.seconds(added.parameters)
-                delay, lag = delay + later, lag + slower
+        own = delays_and_lags(AppliedEffect(e.name, e.on, e.parameters) for e in effects if e.on == name)
+        delay, lag = own.get(name, (0.0, 0.0))
         command = symbol("command")
         static = sp.lambdify([command], static_path(effects, name, command), modules="math")
         return CommandPath(max(0.0, delay - known_delay), lag, static, tuple(sorted(values)))

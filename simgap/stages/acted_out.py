@@ -22,8 +22,7 @@ from simgap.config.plant import AddedEffect
 from simgap.diagnosis.result import Diagnosis
 from simgap.diagnosis.thresholds import MATTERS, NEAR
 from simgap.diagnosis.verdict.transitions import Followed, followed, stray
-from simgap.effects import AppliedEffect, effect
-from simgap.effects.commands import MemoryInputEffect
+from simgap.effects import AppliedEffect, delays_and_lags, effect
 from simgap.errors import UserError
 from simgap.notation import joined, number
 from simgap.plants.context import Context
@@ -150,7 +149,7 @@ def _errors(
     held = [w for w in found.windows if w.held_out]
     held = held[:: max(1, -(-len(held) // _MOST_FOLLOWED))]
     tau = context.domain.tau
-    since = max((delay + _FORGOTTEN * lag for s in sets for delay, lag in _remembered(s).values()), default=0.0)
+    since = max((delay + _FORGOTTEN * lag for s in sets for delay, lag in delays_and_lags(s).values()), default=0.0)
     runs = [_runs(context, found, held, measured, s, since) for s in sets]
     if not all(runs):
         return []
@@ -168,22 +167,11 @@ def _runs(
     context: Context, found: Diagnosis, held: Sequence[Any], measured: Sequence[str], effects: Effects, since: float
 ) -> list[Followed]:
     """Stretches to follow. An effect that remembers commands is a mixture of delays: a lag of exponential ones."""
-    late = {on: delay + lag * _SHARES for on, (delay, lag) in _remembered(effects).items()}
+    late = {on: delay + lag * _SHARES for on, (delay, lag) in delays_and_lags(effects).items()}
     columns = context.plant.corrected.state_names[: found.windows[0].states.shape[1]]
     if not set(context.states) <= set(columns):
         return []
     return followed(held, context.states, context.inputs, columns, measured, late, context.domain.tau, since)
-
-
-def _remembered(effects: Effects) -> dict[str, tuple[float, float]]:
-    """Input -> delay and lag (s) of the effects on it."""
-    found: dict[str, tuple[float, float]] = {}
-    for e in effects:
-        kind = effect(e.name)
-        if isinstance(kind, MemoryInputEffect):
-            (delay, lag), own = kind.seconds(e.values), found.get(e.on, (0.0, 0.0))
-            found[e.on] = (own[0] + delay, own[1] + lag)
-    return found
 
 
 def _with(case: Case, effects: Effects) -> Case:

@@ -20,17 +20,15 @@ from simgap.config.load import case_content, parse_case
 from simgap.config.model_files import move_files
 from simgap.config.plant import AddedEffect
 from simgap.diagnosis.verdict.remainder import RemainderUse
-from simgap.effects import AppliedEffect, effect
-from simgap.effects.commands import MemoryInputEffect
+from simgap.effects import AppliedEffect, delays_and_lags, effect
 from simgap.geometry import Box, Grid
 from simgap.notation import one_line
 from simgap.plants.plant_model import PlantModel
 from simgap.simulators.commands import CommandPath
 from simgap.specifications.base import specification_of
 from simgap.stages.acted_out import ActedOut
-from simgap.synthesis.games.pending import LARGEST_NODES, bytes_of_nodes
-from simgap.synthesis.games.sensing import LARGEST_MASK
-from simgap.synthesis.input_sets import packed_width
+from simgap.synthesis.games.pending import bytes_of_nodes
+from simgap.synthesis.input_sets import LARGEST_TABLES, packed_width
 
 LARGEST_ROLLOUTS = 2_000_000
 """Most roll-outs (cells of `grid.eps` times inputs) with a lag as a state."""
@@ -57,7 +55,9 @@ class Augmentation:
 
 def plan(case: Case, applied: Sequence[AppliedEffect]) -> Augmentation:
     """Decide for a case that checks, with all effects that its plant will have."""
-    lagged, delays = _remembered(applied)
+    remembered = delays_and_lags(applied)
+    lagged = sorted(on for on, (_, lag) in remembered.items() if lag > 0.0)
+    delays = {on: delay for on, (delay, _) in remembered.items() if delay > 0.0}
     if case.domain is None or not (lagged or delays):
         return Augmentation({}, False, ())
     ranges = {on: _felt(case.domain.U[on], applied, on) for on in lagged}
@@ -81,18 +81,6 @@ def plan(case: Case, applied: Sequence[AppliedEffect]) -> Augmentation:
             "these cells and inputs, or not for this specification. Gamma covers it."
         )
     return Augmentation(ranges if fits else {}, pending, tuple(words))
-
-
-def _remembered(applied: Sequence[AppliedEffect]) -> tuple[list[str], dict[str, float]]:
-    """The inputs that lag, and the delay (s) of those that act late."""
-    lagged, delays = set(), dict[str, float]()
-    for a in applied:
-        kind = effect(a.name)
-        if isinstance(kind, MemoryInputEffect):
-            delay, lag = kind.seconds(a.values)
-            lagged |= {a.on} if lag > 0.0 else set()
-            delays |= {a.on: delays.get(a.on, 0.0) + delay} if delay > 0.0 else {}
-    return sorted(lagged), delays
 
 
 def augment(content: dict[str, Any], case: Case, chosen: Augmentation) -> None:
@@ -150,8 +138,8 @@ def _one_sample(case: Case, delays: Mapping[str, float]) -> bool:
     inputs = _inputs(case)
     cells = math.prod(case.synthesis.cells)
     if specification_of(case).on_true_cells:
-        return near and free and cells * inputs * packed_width(inputs) <= LARGEST_MASK
-    return near and free and bytes_of_nodes(cells, inputs) <= LARGEST_NODES
+        return near and free and cells * inputs * packed_width(inputs) <= LARGEST_TABLES
+    return near and free and bytes_of_nodes(cells, inputs) <= LARGEST_TABLES
 
 
 def _inputs(case: Case) -> int:

@@ -15,13 +15,11 @@ from simgap.plants.context import Context
 from simgap.specifications.base import specification_of
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
-from simgap.synthesis.input_sets import crop, inner, margins, unpack
+from simgap.synthesis.input_sets import LARGEST_TABLES, crop, inner, margins, unpack
 from simgap.synthesis.margins import LARGEST_FACTOR, Margins, Remembered, one_step_margins, shown_layers
 
 SHARES = (0.0, 0.05, 0.5)  # quantiles of the margins that are printed
 LAYERS = 3  # headings that are looked at where classes are remembered: each costs a robot 3 CPU s
-LARGEST_TABLES = 1_500_000_000
-"""Bytes of the counts of cells that do not win, four for each cell and each thing that may be remembered."""
 
 
 def margins_of(context: Context, gap: GapFunction, solution: Solution) -> Margins | str:

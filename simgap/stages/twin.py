@@ -10,7 +10,6 @@ from typing import Annotated, Any
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.config.case import Case
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.sampling.points import remembers, stacked
 from simgap.io.documents import write_json
@@ -82,7 +81,8 @@ def run(case_path: CasePath, given: TwinFiles, out: Out, engine_log: Path | None
         for part, steps in parts.items():
             before = found.samples
             for x, u, following in steps:
-                again, engine = _again(other, context.folder, x, u, engine_log)
+                job = (other, context.folder, x, u)
+                ((again, engine),) = run_in_processes(roll_out, [job], log=engine_log)
                 found.add(x, u, following - again)
             counts[part] = found.samples - before
     _judge(context, section.tolerance, found, engine)
@@ -93,11 +93,6 @@ def run(case_path: CasePath, given: TwinFiles, out: Out, engine_log: Path | None
     record = provenance("twin", context.case, context.folder, engine=engine)
     content = {"engine": engine, "samples": counts, "largest": largest, "tolerance": section.tolerance}
     write_json(out, content | {"provenance": record})
-
-
-def _again(other: Case, folder: Path, x: Floats, u: Floats, engine_log: Path | None) -> tuple[Floats, str]:
-    ((following, engine),) = run_in_processes(roll_out, [(other, folder, x, u)], log=engine_log)
-    return following, engine
 
 
 def _rows(context: Context, path: Path, stage: str) -> Steps:

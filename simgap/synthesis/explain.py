@@ -169,8 +169,9 @@ def axis_numbers(problem: SynthesisProblem) -> tuple[AxisNumbers, ...]:
     grid, inputs = problem.grid, problem.inputs
     cells = np.unique(np.linspace(0, grid.size - 1, min(SAMPLED, grid.size)).astype(np.int64))
     centres, gap = grid.centres()[cells], problem.gap or no_gap
-    steps = np.zeros((len(centres), grid.box.size, 4))
-    _extremes(problem.model.kernel, gap, centres, inputs, steps)
+    before = np.repeat(centres, len(inputs), axis=0)
+    moved = problem.model.step(before, np.tile(inputs, (len(centres), 1))) - before
+    steps = moved.reshape(len(centres), len(inputs), -1)
     widest = np.zeros((grid.box.size, 2))
     _widest(gap, centres, np.array(grid.h), inputs, widest)
     boxes = replace(problem, swept=None).abstraction().boxes(cells)
@@ -181,8 +182,8 @@ def axis_numbers(problem: SynthesisProblem) -> tuple[AxisNumbers, ...]:
     spans, plain = (np.median(b[:, :, 1] - b[:, :, 0] + 1, axis=(0, 1)) for b in (boxes, alone))
     return tuple(
         AxisNumbers(
-            name, 2.0 * float(grid.h[j]), float(np.abs(steps[:, j, :2]).max()),
-            float(np.median(steps[:, j, 1] - steps[:, j, 0])), float(widest[j, 0]), float(widest[j, 1]),
+            name, 2.0 * float(grid.h[j]), float(np.abs(steps[..., j]).max()),
+            float(np.median(np.ptp(steps[..., j], axis=1))), float(widest[j, 0]), float(widest[j, 1]),
             float(spans[j]), float(plain[j]), float(leaves[j]),
         )
         for j, name in enumerate(problem.space.states)
@@ -272,23 +273,6 @@ def _narrowed(gap: Kernel, share: float) -> Kernel:
 
     found: Kernel = narrowed
     return found
-
-
-@njit(error_model="numpy")
-def _extremes(kernel, gap, centres, inputs, out):  # type: ignore[no-untyped-def]
-    """Per centre and dimension over U: least and largest f_i - x_i, then the least -lo_i and hi_i of the gap."""
-    n = centres.shape[1]
-    lo, hi = np.empty(n), np.empty(n)
-    for c in range(centres.shape[0]):
-        for j in range(n):
-            out[c, j, 0], out[c, j, 1], out[c, j, 2], out[c, j, 3] = np.inf, -np.inf, np.inf, np.inf
-        for m in range(inputs.shape[0]):
-            value = kernel(centres[c], inputs[m])
-            gap(centres[c], centres[c], inputs[m], lo, hi)
-            for j in range(n):
-                step = value[j] - centres[c, j]
-                out[c, j, 0], out[c, j, 1] = min(out[c, j, 0], step), max(out[c, j, 1], step)
-                out[c, j, 2], out[c, j, 3] = min(out[c, j, 2], -lo[j]), min(out[c, j, 3], hi[j])
 
 
 @njit(error_model="numpy")

@@ -16,6 +16,10 @@ Words = NDArray[np.uint64]
 Number = TypeVar("Number", bound=np.generic)
 
 
+LARGEST_TABLES = 1_500_000_000
+"""Most bytes of the tables of a game with pending inputs, or of those that margins are looked up in."""
+
+
 def packed_width(inputs: int) -> int:
     """Bytes that hold one bit per input."""
     return (inputs + 7) // 8
@@ -80,31 +84,18 @@ def inner(grid: Grid, larger: Grid) -> tuple[slice, ...]:
 
 def window_and(values: Words, grid: Grid, margin: tuple[int, ...]) -> Words:
     """Bitwise AND over the cells within `margin` of each cell: (cells, k) -> (cells, k). Periodic axes wrap."""
+    own = values.reshape(*grid.cells, -1)
     for j, m in enumerate(margin):
-        if m > 0:
-            inner = int(np.prod(grid.cells[j + 1 :])) * values.shape[1]
-            shaped = values.reshape(-1, grid.cells[j], inner)
-            out = np.empty_like(shaped)
-            _along(shaped, m, j in grid.periodic, out)
-            values = out.reshape(values.shape)
-    return values
-
-
-@njit(cache=True, nogil=True)
-def _along(values, margin, periodic, out):  # type: ignore[no-untyped-def]
-    cells = values.shape[1]
-    for o in range(values.shape[0]):
-        for i in range(cells):
-            for k in range(values.shape[2]):
-                out[o, i, k] = values[o, i, k]
-            for d in range(-margin, margin + 1):
-                other = i + d
-                if periodic:
-                    other %= cells
-                elif other < 0 or other >= cells:
-                    continue
-                for k in range(values.shape[2]):
-                    out[o, i, k] &= values[o, other, k]
+        out, cells = own.copy(), grid.cells[j]
+        m = min(m, cells)
+        for by in (*range(-m, 0), *range(1, m + 1)):
+            to, near = np.moveaxis(out, j, 0), np.moveaxis(own, j, 0)
+            if j in grid.periodic:
+                to &= np.roll(near, by, axis=0)
+            else:
+                to[max(by, 0) : cells + min(by, 0)] &= near[max(-by, 0) : cells + min(-by, 0)]
+        own = out
+    return own.reshape(values.shape)
 
 
 def unpack(mask: Bytes, inputs: int) -> Bools:

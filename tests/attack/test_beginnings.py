@@ -35,7 +35,7 @@ def asked(context, jump):
     def bounds(x, u):
         return np.full(x.shape, -1e-3), np.full(x.shape, 1e-3)
 
-    simulator = SimpleNamespace(remembers=False, rollouts=rollouts)
+    simulator = SimpleNamespace(spread=lambda x, u: (rollouts(x, u),) * 2)
     return GapProblem.of(context, simulator, SimpleNamespace(bounds=bounds, domain=domain_of(context)))
 
 

@@ -137,13 +137,6 @@ class BodyFrameGap(GapFunction):
         """The bound after each class."""
         return [self.after(c) for c in range(self.classes.count)]
 
-    def _rotated(self, m: int, t0: float, t1: float) -> tuple[Floats, Floats]:
-        i, j, k = self.pose
-        lo, hi = self.lower[m].copy(), self.upper[m].copy()
-        lo[i], hi[i], lo[j], hi[j] = rotated_box(t0, t1, self.lower[m, i], hi[i], self.lower[m, j], hi[j])
-        lo[k], hi[k] = np.nextafter(lo[k], -np.inf), np.nextafter(hi[k], np.inf)
-        return lo, hi
-
     def _box_bounds(self, xlo: Floats, xhi: Floats, u: Floats) -> tuple[Floats, Floats]:
         lo, hi = np.empty(xlo.shape), np.empty(xhi.shape)
         rows = tuple(np.ascontiguousarray(a, dtype=np.float64) for a in (xlo, xhi, u))

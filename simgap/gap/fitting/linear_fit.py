@@ -96,7 +96,7 @@ class LinearFit(DimensionFit, kind="linear"):
             sides.append(
                 {name: padded(s, blank, where, floor, known.grid, settings.padding) for name, s in fit.sides.items()}
             )
-            rough = max(side.rough_share for side in sides[-1].values())
+            rough = max(side.fit.rough_share for side in sides[-1].values())
             if settings.padding == "inflate" and rough > settings.lipschitz.rough_limit:
                 raise BrokenPromise(
                     f"the residual of {where.states[i]} is not Lipschitz at this grid: {100 * rough:.2g} % of the "
@@ -123,11 +123,11 @@ def _lifted(function: LinearGap) -> LinearGap:
 def _tiers(
     where: SampleGrid, settings: GapSection, lipschitz: Sequence[DimensionLipschitz], sides: Sequence[Sides]
 ) -> tuple[Tier, ...]:
-    rough = [max(s.rough_share for s in own.values()) for own in sides]
+    rough = [max(s.fit.rough_share for s in own.values()) for own in sides]
     extra = ""
     if settings.padding == "inflate":
         pads = "; ".join(
-            f"{n}: {max(s.padding for s in own.values()):.3g}" for n, own in zip(where.states, sides, strict=True)
+            f"{n}: {max(s.fit.padding for s in own.values()):.3g}" for n, own in zip(where.states, sides, strict=True)
         )
         extra = f"The padding uses the local slopes in each cell, less those of the fit; at most {pads}."
     directed = max(s.fit.directed for own in sides for s in own.values())

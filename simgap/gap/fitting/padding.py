@@ -64,25 +64,21 @@ class PaddedSide:
     """One padded side: `form` covers its targets on all of X x U, given the Lipschitz constants.
 
     Attributes:
-        fit: what it was made from. padding: largest local padding (inflate) or the constant (others); padding_mean: its
-            mean over the cells. raised: constant added after the program: padding that is not in its constraint, worst
-            violation and rounding. rough_share: cells with a jump.
+        fit: what it was made from, with its padding: the local one (inflate) or the constant (others).
+        raised: constant added after the program: padding that is not in its constraint, worst violation and rounding.
     """
 
     form: Form
     fit: SideFit
-    padding: float
-    padding_mean: float
     raised: float
-    rough_share: float
 
     def to_json(self) -> dict[str, Any]:
         """Numbers for gap.json and the report."""
         program = {name: own for name, own in self.fit.scenario.to_json().items() if name != "coefficients"}
         return {
-            **program, "padding": self.padding, "padding_mean": self.padding_mean,
+            **program, "padding": self.fit.padding, "padding_mean": self.fit.padding_mean,
             "raised": self.raised, "passes": self.fit.passes, "lipschitz_of_basis": self.form.gradient_bound.tolist(),
-            "rough_share": self.rough_share, "directed": self.fit.directed, "directed_factor": self.fit.factor,
+            "rough_share": self.fit.rough_share, "directed": self.fit.directed, "directed_factor": self.fit.factor,
         }  # fmt: skip
 
 
@@ -105,14 +101,15 @@ def padded(
     """
     form, h = with_coefficients(blank, fit.scenario.coefficients), where.moving_half_widths
     if padding == "inflate":
-        raised = fit.missing + numerical(form, floor)
-        return PaddedSide(form.with_offset(raised), fit, fit.padding, fit.padding_mean, raised, fit.rough_share)
-    if padding == "per_axis":
+        reach = 0.0
+    elif padding == "per_axis":
         reach = float((lipschitz.constants + form.gradient_bound) @ h)
     else:
         reach = float((lipschitz.euclidean + np.linalg.norm(form.gradient_bound)) * np.linalg.norm(h))
+    if padding != "inflate":
+        fit = replace(fit, padding=reach, padding_mean=reach, rough_share=lipschitz.rough_share)
     raised = reach + fit.missing + numerical(form, floor)
-    return PaddedSide(form.with_offset(raised), fit, reach, reach, raised, lipschitz.rough_share)
+    return PaddedSide(form.with_offset(raised), fit, raised)
 
 
 _PASSES = 5

@@ -7,7 +7,7 @@ the seam is one contiguous range.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from simgap.arrays import Floats, Ints
 from simgap.errors import UserError
 from simgap.geometry import Grid
 from simgap.late import njit
+from simgap.synthesis.abstraction.post import table_meta, table_post
 from simgap.synthesis.abstraction.swept import SweptCells
 
 Counts = NDArray[np.int32]
@@ -186,6 +187,16 @@ class Abstraction:
     def shape(self) -> Ints:
         """The grid as the kernels read it (`layout`): (4, 4)."""
         return layout(self.grid.cells, self.grid.periodic)
+
+    def paths(self) -> Abstraction:
+        """Boxes of the cells that the path of each input may touch, as those of its successors; needs `swept`."""
+        assert self.swept is not None
+        size = np.array(self.grid.cells, np.int32)  # no box is farther from its cell than twice the grid
+        ends = np.maximum(self.swept.lower, -2 * size), np.minimum(self.swept.upper, 2 * size)
+        axes = ((self.swept.axis,),) * size.size
+        meta, _ = table_meta(self.grid, len(self.inputs), axes)
+        table = np.moveaxis(np.stack(ends, axis=-1), 2, 0).reshape(-1)
+        return replace(self, post=table_post(), meta=meta, table=table, axes=axes, swept=None, group=1)
 
     def boxes(self, cells: Ints, first: int = 0, last: int | None = None) -> NDArray[np.int32]:
         """Boxes of successors, not wrapped: flat cells (n,) -> (n, last - first, 2, nx) lower and upper indices."""

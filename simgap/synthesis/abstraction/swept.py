@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.arrays import Floats, Ints
+from simgap.arrays import Floats
 from simgap.gap.bounds.body_frame import rotated_box
 from simgap.geometry import Grid
 from simgap.late import njit
@@ -30,11 +30,6 @@ class SweptCells:
     axis: int
     lower: NDArray[np.int32]
     upper: NDArray[np.int32]
-
-    def at(self, cells: Ints, grid: Grid) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-        """Offsets for cell indices (n, nx): -> (n, M, nx) twice, cut beyond the grid's size."""
-        layer, size = cells[:, self.axis], np.array(grid.cells, np.int32)
-        return np.maximum(self.lower[layer], -2 * size), np.minimum(self.upper[layer], 2 * size)
 
 
 def planar_swept_cells(

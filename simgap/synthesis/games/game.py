@@ -26,7 +26,7 @@ from simgap.synthesis.abstraction.swept import SweptCells
 from simgap.synthesis.controller import least_effort
 from simgap.synthesis.games.invariance import invariance
 from simgap.synthesis.games.reach import reach_avoid
-from simgap.synthesis.input_sets import margins, window_and
+from simgap.synthesis.input_sets import crop, embed, margins, padded, window_and
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,15 +136,9 @@ def certified(winning: Bools, grid: Grid, error: Floats) -> Bools:
         error: bound of |measured - true|, (nx,).
     """
     margin = margins(grid, error)
-    if not any(margin):
-        return winning
-    inside = winning.reshape(grid.cells).copy()
-    for j, m in enumerate(margin):
-        if m and j not in grid.periodic:
-            ends = np.moveaxis(inside, j, 0)
-            ends[:m], ends[-m:] = False, False
-    kept = window_and(winning.astype(np.uint64)[:, None], grid, margin)[:, 0] == 1
-    return np.asarray(kept & inside.reshape(-1))
+    larger = padded(grid, margin)
+    inside = embed(winning.astype(np.uint64)[:, None], grid, larger, np.zeros(1, np.uint64))
+    return crop(window_and(inside, larger, margin), grid, larger)[:, 0] == 1
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ from simgap.arrays import Bools
 from simgap.late import njit
 from simgap.synthesis.abstraction.cells import (
     Abstraction,
+    Counts,
     clip_boxes,
     count_holes,
     drop_boxes_with_holes,
@@ -23,7 +24,7 @@ from simgap.synthesis.abstraction.cells import (
     table_size,
 )
 from simgap.synthesis.games.threads import over_rows
-from simgap.synthesis.input_sets import Bytes
+from simgap.synthesis.input_sets import Bytes, packed_width
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,10 +77,17 @@ def invariance(abstraction: Abstraction, safe: Bools | None = None, threads: int
         start = passes == 0
         lost = over_rows(partial(_pass, abstraction.post, *arrays, *frame, *state, start), rows, threads)
         passes += 1
-    mask = np.zeros((grid.size, (inputs + 7) // 8), np.uint8)
-    last = (shape, n, inputs, row, abstraction.group, table, inside, mask)
-    pairs = over_rows(partial(_admissible, abstraction.post, *arrays, *last), rows, threads)
+    mask, pairs = admissible_inputs(abstraction, table, inside, threads)
     return InvariantSet(inside.view(np.bool_), mask, pairs, passes)
+
+
+def admissible_inputs(abstraction: Abstraction, table: Counts, inside: Bytes, threads: int) -> tuple[Bytes, int]:
+    """Inputs whose boxes hold no hole of the table, (cells, bytes), where `inside` (cells,) is not 0; their number."""
+    grid, n, inputs = abstraction.grid, abstraction.grid.box.size, len(abstraction.inputs)
+    row, mask = grid.cells[-1], np.zeros((grid.size, packed_width(inputs)), np.uint8)
+    boxes = (abstraction.post, abstraction.meta, abstraction.data, abstraction.table, abstraction.shape, n, inputs)
+    work = partial(_admissible, *boxes, row, abstraction.group, table, inside, mask)
+    return mask, over_rows(work, grid.size // row, threads)
 
 
 @njit(cache=True, nogil=True)
@@ -184,15 +192,6 @@ def _rely(inside, boxes, reach, r, row, n, lead):  # type: ignore[no-untyped-def
 
 
 @njit(cache=True, nogil=True)
-def _fits(post, meta, data, tab, shape, n, k, m, table, out, ok):  # type: ignore[no-untyped-def]
-    """True if the tightest box of one pair lies in the set."""
-    post(k.ctypes, 1, 1, m, m + 1, meta.ctypes, data.ctypes, tab.ctypes, out.ctypes)
-    clip_boxes(shape, n, out, np.int64(0), np.int64(1), ok)
-    drop_boxes_with_holes(table, shape, n, out, np.int64(0), np.int64(1), ok)
-    return ok[0]
-
-
-@njit(cache=True, nogil=True)
 def _admissible(  # type: ignore[no-untyped-def]
     post, meta, data, tab, shape, n, inputs, row, group, table, inside, mask, first, last
 ):
@@ -226,7 +225,7 @@ def _admissible(  # type: ignore[no-untyped-def]
                     good = ok[i * inputs + m]
                     if group > 1 and not good:
                         k[n - 1] = left + i
-                        good = _fits(post, meta, data, tab, shape, n, k, m, table, own, fit)
+                        good = _next_input(post, meta, data, tab, shape, n, m + 1, table, k, m, own, fit) == m
                     mask[cell, m >> 3] |= np.uint8(good << (m & 7))
                     pairs += good
     return pairs

@@ -24,15 +24,13 @@ from numpy.typing import NDArray
 
 from simgap.arrays import Bools, Ints
 from simgap.errors import BrokenPromise, UserError
-from simgap.geometry import Grid
 from simgap.late import njit
 from simgap.specifications.solution import Solution
 from simgap.synthesis.abstraction.cells import Abstraction, clip_boxes, count_holes, drop_boxes_with_holes, table_size
-from simgap.synthesis.abstraction.swept import SweptCells
 from simgap.synthesis.games.game import CellGame, certified
-from simgap.synthesis.games.invariance import row_index
+from simgap.synthesis.games.invariance import admissible_inputs, row_index
 from simgap.synthesis.games.threads import over_rows
-from simgap.synthesis.input_sets import Bytes, Words, to_bytes, words_of
+from simgap.synthesis.input_sets import LARGEST_TABLES, Bytes, Words, to_bytes, unpack, words_of
 
 UNTOUCHED, NONE, SOME = 0, 1, 2
 
@@ -130,36 +128,13 @@ def _and_over_box(shape, n, boxes, at, allowed, out):  # type: ignore[no-untyped
     return True
 
 
-def clear_paths(grid: Grid, shape: Ints, swept: SweptCells, free: Bools) -> Bools:
-    """True where the swept box of each input lies in the free cells, from every cell: (cells,) -> (cells, M)."""
-    n, inputs = grid.box.size, swept.lower.shape[1]
+def clear_paths(paths: Abstraction, free: Bools, threads: int) -> Bools:
+    """True where the box of each input lies in the free cells, from every cell: (cells,) -> (cells, M)."""
+    shape, n = paths.shape, paths.grid.box.size
     table = np.empty(table_size(shape, n), np.int32)
     count_holes(free.view(np.uint8), shape, n, table)
-    out = np.zeros((grid.size, inputs), np.uint8)
-    size = np.array(grid.cells, np.int32)
-    lower, upper = np.maximum(swept.lower, -2 * size), np.minimum(swept.upper, 2 * size)
-    _clear(shape, n, swept.axis, lower, upper, table, out)
-    return out.view(np.bool_)
-
-
-@njit(cache=True, nogil=True)
-def _clear(shape, n, axis, lower, upper, table, out):  # type: ignore[no-untyped-def]
-    k, inputs = np.zeros(4, np.int64), out.shape[1]
-    boxes = np.zeros(2 * n * inputs, np.int32)
-    row = shape[0, n - 1]
-    for cell in range(out.shape[0]):
-        row_index(cell // row, shape, n, k)
-        k[n - 1] = cell % row
-        for m in range(inputs):
-            for j in range(n):
-                boxes[2 * n * m + j] = k[j] + lower[k[axis], m, j]
-                boxes[2 * n * m + n + j] = k[j] + upper[k[axis], m, j]
-        clip_boxes(shape, n, boxes, np.int64(0), inputs, out[cell])
-        drop_boxes_with_holes(table, shape, n, boxes, np.int64(0), inputs, out[cell])
-
-
-LARGEST_NODES = 1_500_000_000
-"""Most bytes of the nodes' sets of inputs, levels and flags together."""
+    mask, _ = admissible_inputs(paths, table, np.ones(paths.grid.size, np.uint8), threads)
+    return unpack(mask, len(paths.inputs))
 
 
 def bytes_of_nodes(cells: int, inputs: int, classes: int = 1) -> int:
@@ -182,10 +157,10 @@ class LateGame(CellGame):
     def __post_init__(self) -> None:
         inputs = len(self.boxes[0].inputs)
         needed = bytes_of_nodes(self.grid.size, inputs, len(self.boxes))
-        if needed > LARGEST_NODES:
+        if needed > LARGEST_TABLES:
             raise UserError(
                 f"{self.grid.size} cells with {inputs} pending inputs are too many for a controller with latency: "
-                f"{needed / 1e9:.1f} GB of nodes, at most {LARGEST_NODES / 1e9:.1f} GB",
+                f"{needed / 1e9:.1f} GB of nodes, at most {LARGEST_TABLES / 1e9:.1f} GB",
                 key="synthesis.cells",
                 remedy="Use fewer cells or inputs",
             )
@@ -238,7 +213,7 @@ class LateGame(CellGame):
         out = np.broadcast_to(free[None, :, None], self._shape).copy()
         for own, a in zip(out, self.boxes, strict=True):
             if a.swept is not None:
-                own &= clear_paths(a.grid, a.shape, a.swept, free)
+                own &= clear_paths(a.paths(), free, self.threads)
         return out
 
     def _state(self, allowed: Words, news: Bools, todo: Bools, sets: Words) -> NDArray[np.uint8]:

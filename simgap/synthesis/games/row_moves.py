@@ -16,10 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.arrays import Bools, Ints
-from simgap.geometry import Grid
 from simgap.synthesis.abstraction.cells import Abstraction
 from simgap.synthesis.abstraction.post import reduced_cells, reduced_size
-from simgap.synthesis.abstraction.swept import SweptCells
 
 MAX_BOXES = 40_000_000
 
@@ -72,7 +70,9 @@ class RowSystem:
         if grid.size // grid.cells[bit_axis] // slab_rows * inputs > MAX_BOXES:
             return None
         rel, extent = _offsets(abstraction, tuple(used), [*row_axes, bit_axis])
-        swept, length = _swept_offsets(abstraction.swept, grid, tuple(used), [*row_axes, bit_axis], rel.shape[:2])
+        swept, length = rel[:0], extent[:0]
+        if abstraction.swept is not None:
+            swept, length = _offsets(abstraction.paths(), tuple(used), [*row_axes, bit_axis])
         swept_shapes, swept_of = np.unique(length.reshape(-1, 4), axis=0, return_inverse=True)
         if len(swept_shapes) * grid.size > MAX_SHAPE_CELLS:
             return None
@@ -118,19 +118,6 @@ def _offsets(abstraction: Abstraction, used: tuple[int, ...], order: list[int]) 
         low, high = np.where(whole, 0, low), np.where(whole, size - 1, high)
         lower[first : first + 256, :, -len(order) :] = low[..., order]
         extent[first : first + 256, :, -len(order) :] = (high - low + 1)[..., order]
-    return lower, extent
-
-
-def _swept_offsets(
-    swept: SweptCells | None, grid: Grid, used: tuple[int, ...], order: list[int], shape: tuple[int, ...]
-) -> tuple[NDArray[np.int32], ...]:
-    """Lower offsets and extents of the swept boxes, laid out as `_offsets`; (0, M, 4) without a swept."""
-    lower = np.zeros((shape[0] if swept is not None else 0, shape[1], 4), np.int32)
-    extent = np.ones_like(lower)
-    if swept is not None:
-        low, high = swept.at(reduced_cells(grid, used), grid)
-        lower[..., -len(order) :] = low[..., order]
-        extent[..., -len(order) :] = (high - low + 1)[..., order]
     return lower, extent
 
 

@@ -28,6 +28,7 @@ from simgap.synthesis.games.game import CellGame
 from simgap.synthesis.games.invariance import invariance
 from simgap.synthesis.games.pending import NONE, common_inputs
 from simgap.synthesis.input_sets import (
+    LARGEST_TABLES,
     Words,
     crop,
     embed,
@@ -41,8 +42,6 @@ from simgap.synthesis.input_sets import (
     window_and,
     words_of,
 )
-
-LARGEST_MASK = 1_500_000_000  # bytes
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +102,7 @@ def sensed_invariance(
     grid, inputs = abstraction.grid, len(abstraction.inputs)
     if latency not in (0, 1):
         raise UserError(f"a latency of {latency} samples is not supported", key="sensing.latency", remedy="Use 0 or 1")
-    if latency and grid.size * inputs * packed_width(inputs) > LARGEST_MASK:
+    if latency and grid.size * inputs * packed_width(inputs) > LARGEST_TABLES:
         raise UserError(
             f"{grid.size} cells with {inputs} pending inputs are too many for a controller with latency",
             key="synthesis.cells",
