@@ -1,9 +1,7 @@
 """A URDF, loaded by Drake: as a symbolic model whose inertial parameters stay symbols, or as a `Tree` of numbers.
 
-Drake's symbolic `MultibodyPlant` gives the mass matrix M(q), the bias C(q, v) v and the gravity forces; the
-accelerations follow as `vdot = M^-1 (tau_g - C v - D v + B u)`. (Its symbolic articulated-body solve fails on a pivot
-test for more than one degree of freedom, hence the mass matrix.) A joint's URDF `friction` is ignored by Drake and
-therefore here; `damping` is kept.
+Accelerations are `vdot = M^-1 (tau_g - C v - D v + B u)`, with mass matrix, bias and gravity by
+`equations_of_motion`. A joint's URDF `friction` is ignored by Drake and therefore here; `damping` is kept.
 
 Writing out the inverse mass matrix of three joints takes a minute of CPU and of six does not end; Newton-Euler on the
 numbers takes microseconds (`model.tree`: 17 us a sample with the regressor of six joints). So from three joints on,
@@ -25,9 +23,9 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.errors import UserError
 from simgap.late import sympy as sp
-from simgap.model.simplified import simplified
 from simgap.model.symbolic import Coordinate, NamedParameter, Parameter, SymbolicModel, Variable, symbol
 from simgap.model.tree import Tree, moved
+from simgap.plants.equations_of_motion import derive_accelerations
 from simgap.plants.urdf_checks import check_urdf, loading, root_link
 
 GRAVITY = ("gravity_x", "gravity_y", "gravity_z")
@@ -78,7 +76,7 @@ def load_urdf(
         inverse = inverse_mass(order, parameters)
         acceleration = inverse * (forces - bias(order, rates, parameters))
     else:
-        inverse, free = _equations(path, plant, joints, order, rates)
+        inverse, free = derive_accelerations(plant, joints, order, rates, _inertias(plant), GRAVITY)
         acceleration = free + inverse * forces
     rows = {q: symbol(v) for q, v in zip(order, rates, strict=True)}
     rows |= {v: acceleration[k] for k, v in enumerate(rates)}
@@ -186,66 +184,12 @@ def moving_bodies(plant: Any) -> list[Any]:
     return [b for b in bodies if not plant.IsAnchored(b)]
 
 
-def _equations(
-    path: Path, plant: Any, joints: list[str], order: list[str], rates: list[str]
-) -> tuple[sp.Matrix, sp.Matrix]:
-    """M(q)^-1, and the acceleration without forces, M^-1 (weight - C(q, v) v).
-
-    Gravity is linear in its vector, so one unit vector at a time.
-    """
-    mass, bias, _ = _drake_symbolic(plant, order, rates)
-    weight = sp.zeros(len(joints), 1)
-    for k, name in enumerate(GRAVITY):
-        unit, _ = multibody_plant(path, tuple(float(k == i) for i in range(3)))  # type: ignore[arg-type]
-        weight += symbol(name) * _drake_symbolic(unit, order, rates)[2]
-    mass, bias, weight = (simplified(m, _simplify, "urdf 1") for m in (mass, bias, weight))
-    inverse = simplified(mass, lambda m: _simplify(m.inv(method="ADJ")), "inverse 1")
-    return inverse, simplified(inverse * (weight - bias), _simplify, "urdf 1")
-
-
-def _drake_symbolic(plant: Any, order: list[str], rates: list[str]) -> tuple[sp.Matrix, sp.Matrix, sp.Matrix]:
-    import numpy as np
-    from pydrake.multibody.tree import SpatialInertia_, UnitInertia_
-    from pydrake.symbolic import Expression, Variable, to_sympy
-
-    memo: dict[Any, Any] = {}
-
-    def variable(name: str) -> Any:
-        drake = Variable(name)
-        memo[drake.get_id()] = symbol(name)
-        return Expression(drake)
-
-    values = _inertial_parameters(plant)
-
-    def parameter(name: str) -> Any:  # a structural zero stays zero: it keeps the expressions small
-        return variable(name) if values[name].value else Expression(0.0)
-
-    twin = plant.ToSymbolic()
-    context = twin.CreateDefaultContext()
-    for body in moving_bodies(plant):
-        name = body.name()
-        if not values[f"{name}.m"].value:
-            continue  # a frame of a sensor or a tool: no mass, so no inertia either
-        m = parameter(f"{name}.m")
-        com = np.array([parameter(f"{name}.c{a}") for a in _AXES])
-        unit = UnitInertia_[Expression](*(parameter(f"{name}.{moment}") / m for moment in _MOMENTS))
-        inertia = SpatialInertia_[Expression](m, com, unit, skip_validity_check=True)
-        twin.GetBodyByName(name).SetSpatialInertiaInBodyFrame(context, inertia)
-    twin.SetPositions(context, np.array([variable(n) for n in order]))
-    twin.SetVelocities(context, np.array([variable(n) for n in rates]))
-
-    def convert(array: Any) -> sp.Matrix:
-        entries = np.atleast_2d(np.asarray(array, dtype=object).T).T
-        return sp.Matrix(entries.shape[0], entries.shape[1], [to_sympy(e, memo=memo) for e in entries.ravel()])
-
-    gravity = twin.CalcGravityGeneralizedForces(context)
-    return convert(twin.CalcMassMatrix(context)), convert(twin.CalcBiasTerm(context)), convert(gravity)
-
-
-def _simplify(matrix: sp.Matrix) -> sp.Matrix:
-    """Exact rationals and trigonometric identities; beyond two joints the search costs more than it saves."""
-    rational = matrix.applyfunc(lambda e: sp.nsimplify(e, rational=True))
-    return rational.applyfunc(sp.simplify if matrix.rows <= 2 else sp.cancel)
+def _inertias(plant: Any) -> dict[str, dict[str, sp.Expr]]:
+    """Inertial parameters of each body that has a mass, as symbols; those that are 0 stay 0, and entries small."""
+    values = {n: symbol(n) if p.value else sp.Integer(0) for n, p in _inertial_parameters(plant).items()}
+    keys = ("m", *(f"c{a}" for a in _AXES), *_MOMENTS)
+    every = {b.name(): {key: values[f"{b.name()}.{key}"] for key in keys} for b in moving_bodies(plant)}
+    return {name: own for name, own in every.items() if own["m"] != 0}
 
 
 def _named_parameters(plant: Any, kept: Mapping[str, Parameter]) -> dict[str, NamedParameter]:

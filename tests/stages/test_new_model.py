@@ -247,6 +247,11 @@ MJCF_REFUSED = {
     "closed": ({"tail": '<equality><connect body1="pole" anchor="0 0 0"/></equality>'}, {}, "connect closes a chain"),
     "coupled": ({"tail": '<equality><joint joint1="rail" joint2="hinge"/></equality>'}, {}, "couples joints, as mimic"),
     "tendons": ({"tail": '<tendon><fixed><joint joint="rail" coef="1"/></fixed></tendon>'}, {}, "it has tendons"),
+    "pulled by tendons": ({
+        "more": '<body><joint type="slide" name="x"/><joint type="slide" axis="0 1 0" name="y"/>'
+                '<geom size="1"/></body>',
+        "tail": '<tendon><fixed><joint joint="x" coef="1"/></fixed><fixed><joint joint="y" coef="1"/></fixed></tendon>',
+    }, {}, "it has tendons"),
     "tilted": ({"more": "</worldbody><option gravity='3 0 -9'/><worldbody>"}, {}, "its gravity is not along -z"),
     "no such joint": ({}, {"joints": ["elbow"]}, "--joints: there is no hinge or slide 'elbow'.*rail, hinge"),
     "beyond a stop": ({}, {"at": {"rail": 3.0}}, "--at: rail=3 is beyond a stop"),

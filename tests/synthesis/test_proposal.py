@@ -140,6 +140,21 @@ def test_a_posture_is_solved_for_what_is_not_named():
         posture_of(levitation, {"z": 0.006, "i": 0.9})
 
 
+def test_a_pole_whose_mass_is_not_quite_above_its_hinge_rests_beside_the_place_that_is_named():
+    """A centre of mass 1 mm off its axis: at q = 0 it falls. It moves by .02 rad at most."""
+    q, v, u = (symbol(n) for n in ("q", "v", "u"))
+    for off, rests in ((0.002, True), (0.05, False)):
+        pole = SymbolicModel(
+            (Variable("q", "rad"), Variable("v", "rad/s")), (Variable("u", "N*m"),), {},
+            (v + 0 * u, 9.81 * sp.sin(q + off)), (Coordinate("hinge", "q", "v"),),
+        )  # fmt: skip
+        if rests:
+            np.testing.assert_allclose(posture_of(pole, {"q": 0.0}).x, [-off, 0.0], atol=1e-9)
+        else:
+            with pytest.raises(UserError, match=r"It rests at q=-0.05"):
+                posture_of(pole, {"q": 0.0})
+
+
 def test_an_input_that_moves_nothing_is_named():
     model = pendulum(push=0.0)
     with pytest.raises(UserError, match="u moves nothing at this posture") as refused:

@@ -63,19 +63,20 @@ def compiled(path: Path, keep: Collection[str] | None, bolted: bool, at: Mapping
     kinds = [mujoco.mjtJoint(int(k)) for k in model.jnt_type]
     names = [model.joint(k).name for k in range(model.njnt)]
     driven = [n for k, n in enumerate(names) if next(motors_of(model, k), None) is not None]
-    slides = [n for n, k in zip(names, kinds, strict=True) if k == mujoco.mjtJoint.mjJNT_SLIDE and n not in driven]
-    planar = {model.jnt_bodyid[names.index(n)] for n in slides}
-    planar = {b for b in planar if sum(model.jnt_bodyid[names.index(n)] == b for n in slides) > 1}
+    wrapped = model.wrap_objid[model.wrap_type == mujoco.mjtWrap.mjWRAP_JOINT]
+    idle = [k for k, n in enumerate(names) if n not in driven and k not in wrapped]  # no motor, and on no tendon
+    slides = [k for k in idle if kinds[k] == mujoco.mjtJoint.mjJNT_SLIDE]
+    bodies = [int(model.jnt_bodyid[k]) for k in slides]
+    planar = {b for b in bodies if bodies.count(b) > 1}
     turning = [
         n for k, n in enumerate(names)
-        if _turns_or_slides(model, k)
-        and (model.jnt_bodyid[k] not in planar or n in driven)
+        if _turns_or_slides(model, k) and (k not in idle or model.jnt_bodyid[k] not in planar)
     ]  # fmt: skip
     loose = next((k for k, n in enumerate(names) if n not in turning), None)
     if loose is not None and not bolted:
         kind = kinds[loose].name.removeprefix("mjJNT_").lower()
         raise UserError(
-            f"joint '{excerpt(names[loose], 40)}' is {kind}{' and nothing drives it' * (names[loose] in slides)}: a "
+            f"joint '{excerpt(names[loose], 40)}' is {kind}{' and nothing drives it' * (loose in slides)}: a "
             "base or a body that moves freely", file=path, key="--base",
             remedy="--base fixed locks it; a floating base needs equations of its own.",
         )  # fmt: skip

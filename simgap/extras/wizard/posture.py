@@ -20,7 +20,8 @@ PACE = 2.0
 """Rate of a plant whose linear model has none, nothing but masses, 1/s: any pace is as good as another."""
 GRAVITY = 9.81
 NEAR = 0.02
-"""Of its value by which a state that is named moves to where the plant rests: a number of two or three digits."""
+"""Of its value, and for a position of its natural size, by which a state that is named moves to where the plant rests:
+values have two or three digits, and a pole's centre of mass is not quite on its axis."""
 _NEWTON = 30
 
 
@@ -50,62 +51,79 @@ def posture_of(model: SymbolicModel, at: Mapping[str, float]) -> Posture:
     """The posture at which the states have the values `at`, with the inputs that hold it.
 
     Where no inputs do, states move to where the plant rests: those that `at` does not name, which begin at 0, and by
-    NEAR of their value those that it names and that are no positions.
+    NEAR those that it names, positions last.
 
     Raises:
         UserError: a name that is no state, or a posture that no input holds.
     """
-    names, xdot = model.state_names, model.numeric()
+    names = model.state_names
     unknown = sorted(set(at) - set(names))
     if unknown:
         raise UserError(f"{unknown} are not states", key="--at", remedy=f"States: {', '.join(names)}.")
-    states, inputs = [v.symbol for v in model.states], [v.symbol for v in model.inputs]
-    jump = sp.Wild("jump")  # of dry friction, which no linear model has
-    slopes = [
-        [[sp.diff(e, s).replace(sp.DiracDelta(jump), sp.S.Zero) for s in own] for e in xdot] for own in (states, inputs)
-    ]
-
-    def linear(x: Floats, u: Floats) -> tuple[Floats, Floats, Floats]:
-        here = dict(zip([*states, *inputs], [*x, *u], strict=True))
-        return _numbers(slopes[0], here), _numbers(slopes[1], here), _numbers([[e] for e in xdot], here)[:, 0]
-
+    linear = _linearised(model)
     asked = np.array([float(at.get(n, 0.0)) for n in names])
     unnamed = np.array([n not in at for n in names])
-    movable = unnamed | ~np.isin(names, [c.position for c in model.coordinates])
-    room = np.where(unnamed, math.inf, NEAR * np.abs(asked))
+    positions = np.isin(names, [c.position for c in model.coordinates])
     refusal, elsewhere = None, "Name one that rests, such as --at q2=3.14159."
-    for moved, away in ((movable & False, 0.0), (movable, 0.0), (movable, 1.0), (movable, -1.0)):
+    loose, every = unnamed | ~positions, np.ones(len(names), dtype=bool)
+    for moved, away in ((~every, 0.0), (loose, 0.0), (loose, 1.0), (loose, -1.0), (every, 0.0)):
         try:
-            x, u = _rest(linear, asked + away * unnamed, len(inputs), moved)
-            a, b, left = linear(x, u)
+            found = _resting(model, linear, asked + away * unnamed, moved)
         except UserError as error:
             refusal = refusal or error
             continue
-        rates = np.abs(np.linalg.eigvals(a))
-        rate = float(rates.max()) if rates.max() > STILL else PACE
-        scale = _scale(model, rate)
-        worst = int(np.argmax(np.abs(left) / scale))
-        if abs(left[worst]) <= 1e-3 * rate * scale[worst]:
-            if np.all(np.abs(x - asked) <= room):
-                break
-            elsewhere = f"It rests at {', '.join(f'{n}={v:.6g}' for n, v in zip(names, x, strict=True) if n in at)}."
-            continue
-        refusal = refusal or UserError(
+        room = np.where(unnamed, math.inf, NEAR * np.maximum(np.abs(asked), positions * found.scale))
+        if np.all(~moved | (np.abs(found.x - asked) <= room)):
+            return found
+        elsewhere = f"It rests at {', '.join(f'{n}={v:.6g}' for n, v in zip(names, found.x, strict=True) if n in at)}."
+    assert refusal is not None
+    raise UserError(refusal.problem, key=refusal.key, remedy=refusal.remedy or elsewhere)
+
+
+Linear = Callable[[Floats, Floats], tuple[Floats, Floats, Floats]]
+
+
+def _linearised(model: SymbolicModel) -> Linear:
+    """(x, u) -> slopes of dx/dt in states (n, n) and in inputs (n, m), and dx/dt itself, (n,)."""
+    xdot = model.numeric()
+    states, inputs = [v.symbol for v in model.states], [v.symbol for v in model.inputs]
+    jump = sp.Wild("jump")  # of dry friction, which no linear model has
+    in_x, in_u = (
+        [[sp.diff(e, s).replace(sp.DiracDelta(jump), sp.S.Zero) for s in own] for e in xdot] for own in (states, inputs)
+    )
+
+    def linear(x: Floats, u: Floats) -> tuple[Floats, Floats, Floats]:
+        here = dict(zip([*states, *inputs], [*x, *u], strict=True))
+        return _numbers(in_x, here), _numbers(in_u, here), _numbers([[e] for e in xdot], here)[:, 0]
+
+    return linear
+
+
+def _resting(model: SymbolicModel, linear: Linear, start: Floats, moved: Bools) -> Posture:
+    """The posture at `start`, (n,), or where the plant rests near it if those states are `moved`.
+
+    Raises:
+        UserError: it does not rest there, or the model is not finite.
+    """
+    names = model.state_names
+    x, u = _rest(linear, start, len(model.inputs), moved)
+    a, b, left = linear(x, u)
+    rates = np.abs(np.linalg.eigvals(a))
+    rate = float(rates.max()) if rates.max() > STILL else PACE
+    scale = _scale(model, rate)
+    worst = int(np.argmax(np.abs(left) / scale))
+    if abs(left[worst]) > 1e-3 * rate * scale[worst]:
+        raise UserError(
             f"no input holds the posture {', '.join(f'{n}={v:g}' for n, v in zip(names, x, strict=True))}: "
             f"{names[worst]} changes by {left[worst]:.3g} {model.states[worst].unit}/s", key="--at",
         )  # fmt: skip
-    else:
-        assert refusal is not None
-        raise UserError(refusal.problem, key=refusal.key, remedy=refusal.remedy or elsewhere)
-    read = set().union(*(sp.sympify(e).free_symbols for e in xdot))
-    free = tuple(n for n, s in zip(names, states, strict=True) if s not in read)
+    read = set().union(*(sp.sympify(e).free_symbols for e in model.numeric()))
+    free = tuple(v.name for v in model.states if v.symbol not in read)
     size = np.abs(b / scale[:, None]).max(axis=0)
     return Posture(x, u, a, b, rate, scale, rate / np.where(size > 0, size, 1.0), free)
 
 
-def _rest(
-    linear: Callable[[Floats, Floats], tuple[Floats, Floats, Floats]], x: Floats, inputs: int, moved: Bools
-) -> tuple[Floats, Floats]:
+def _rest(linear: Linear, x: Floats, inputs: int, moved: Bools) -> tuple[Floats, Floats]:
     """Newton's steps from x and no input towards rates of 0, the shortest ones in inputs and the states `moved`.
 
     Raises:
