@@ -32,7 +32,7 @@ APART = 3.0
 def measured(jobs: Sequence[JobTime], case: str, stage: str, point: str) -> float:
     """CPU seconds of a stage of a case at its own point, both controllers, all shards and all states."""
     own = [j for j in jobs if j.case == case and re.fullmatch(rf"{stage}(-.*)?", j.job)]
-    own = [j for j in own if j.job not in ("synthesis-careful", "audit-deep")]
+    own = [j for j in own if j.job not in ("synthesis-baseline", "audit-deep")]
     return sum(j.cpu for j in own if "~" not in j.job or point in j.job)
 
 

@@ -4,7 +4,7 @@
 
 Plants that hide one effect or two are recorded for 4 s in a small movement (`next_experiment_plants.py`). Where the
 diagnosis cannot tell its answer from others, or is wrong, one more recording is made three times over: as
-`simgap.diagnosis.experiment` proposes it, of the length that it chose itself; with a random multisine of full size of
+`simgap.extras.experiment` proposes it, of the length that it chose itself; with a random multisine of full size of
 the same length; with the same kind of multisine as long as the first recording. Each is diagnosed together with the
 first. Settled is a diagnosis whose answer is what was hidden (or moves the plant exactly as that does) and that lists
 no other one. Of each plant records are made until there are so many confusions, whatever comes of them. Writes
@@ -28,8 +28,8 @@ sys.path[:0] = [str(Path(__file__).parent)]
 
 from next_experiment_plants import STUDIES, Confusion, confusion  # noqa: E402
 
-from simgap.diagnosis.experiment.ask import ask  # noqa: E402
-from simgap.diagnosis.experiment.propose import random_wave  # noqa: E402
+from simgap.extras.experiment.ask import ask  # noqa: E402
+from simgap.extras.experiment.propose import random_wave  # noqa: E402
 
 FIRST_SEED = 40_000
 """Rules were set on records from seeds 7000 and 20000 on."""

@@ -18,10 +18,10 @@ ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(ROOT)]
 
 from simgap.diagnosis.diagnose import diagnose  # noqa: E402
-from simgap.diagnosis.experiment.ask import Question  # noqa: E402
-from simgap.diagnosis.experiment.propose import random_wave  # noqa: E402
 from simgap.diagnosis.record.record import Record, Trace  # noqa: E402
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings  # noqa: E402
+from simgap.extras.experiment.ask import Question  # noqa: E402
+from simgap.extras.experiment.propose import random_wave  # noqa: E402
 from simgap.geometry import Box  # noqa: E402
 from simgap.model.symbolic import SymbolicModel  # noqa: E402
 from tests.undeclared.nominals import nominal  # noqa: E402

@@ -238,7 +238,7 @@ def cart() -> Any:
     from simgap.model.symbolic import symbol
     from simgap.specifications.reach_avoid import ReachAvoid
     from simgap.specifications.space import Space
-    from simgap.synthesis.synthesise import Problem, synthesise
+    from simgap.synthesis.synthesise import SynthesisProblem, synthesise
     from tests.gap.fit_in_memory import GapSamples, fit_gap
 
     names, inputs = ["x", "v", "u"], np.linspace(-1, 1, 5)[:, None]
@@ -256,7 +256,7 @@ def cart() -> Any:
         kind="reach_avoid", target={"x": (1.5, 1.9), "v": (-0.3, 0.3)}, obstacles=({"x": (0.1, 0.2)},),
         clearance={"x": 0.02},
     )  # fmt: skip
-    solution = synthesise(Problem(model, task, space, (60, 36), inputs, bound.kernel()))
+    solution = synthesise(SynthesisProblem(model, task, space, (60, 36), inputs, bound.kernel()))
     reached = Reached(task.goal_box(space), task.boxes(space), space.vector(task.clearance), np.zeros(2))
     units = {"x": "m", "v": "m/s", "u": "N"}
     return Certified("cart", units, model, bound, known, solution, inputs, ["u"], reached)

@@ -34,7 +34,7 @@ from simgap.io.documents import read_json
 from simgap.plants.context import Context, pose_axes
 from simgap.stages.gap_inputs import read_samples
 from simgap.stages.synthesis import pose_problem
-from simgap.synthesis.synthesise import Problem, synthesise
+from simgap.synthesis.synthesise import SynthesisProblem, synthesise
 
 ROOT = Path(__file__).parents[1]
 CASE = ROOT / "configs" / "cases" / "turtlebot.yaml"
@@ -98,7 +98,9 @@ def above_all(above: Callable[[Floats], Floats], targets: Floats) -> Floats:
     return np.stack([above(np.ascontiguousarray(column)) for column in targets.T], axis=1)
 
 
-def row_of(context: Context, problem: Problem, gap: BodyFrameGap, largest: Floats, drawn: Sides, workers: int) -> Any:
+def row_of(
+    context: Context, problem: SynthesisProblem, gap: BodyFrameGap, largest: Floats, drawn: Sides, workers: int
+) -> Any:
     """One row of the table."""
     x = np.tile(0.5 * (context.box.lo + context.box.hi), (len(drawn[0]), 1))
     x[:, gap.pose[2]] = 0.0  # there the robot's frame is the world's

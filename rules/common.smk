@@ -87,7 +87,7 @@ wildcard_constraints:
     case="[a-z][a-z0-9_-]*(/corrected)?",
     point=r"eps~[0-9]+(\.[0-9]+)?(e-?[0-9]+)?|cells~[0-9]+(-[0-9]+)*|hidden-state|full-table",
     shard="[0-9]+",
-    kind="nominal|careful|gap",
+    kind="nominal|baseline|gap",
     tier="|first/|full/|deep/",
 
 

@@ -6,18 +6,18 @@ TRIALS = {"": "plain", "full/": "full", "deep/": "deep"}
 
 
 def gap_option(wildcards, input):
-    if wildcards.kind == "careful":
-        return ["--careful"]
+    if wildcards.kind == "baseline":
+        return ["--baseline"]
     return ["--gap", input.gap] if wildcards.kind == "gap" else []
 
 
-def careful_file(name):
-    """What is made of the controller that minds the path of its model, where the case asks for it."""
+def baseline_file(name):
+    """What is made of the controller that checks its model between samples, where the case wants one."""
 
     def path(wildcards):
         section = case_of(wildcards).validation
-        asked = section is not None and section.fair_baseline
-        return f"results/{wildcards.case}/synthesis/careful/{name}" if asked else []
+        wanted = section is not None and section.fair_baseline
+        return f"results/{wildcards.case}/synthesis/baseline/{name}" if wanted else []
 
     return path
 
@@ -63,8 +63,8 @@ rule validation:
     input:
         case=correction,
         nominal="results/{case}/synthesis/nominal/controller.npz",
-        robust="results/{case}/synthesis/gap/controller.npz",
-        careful=careful_file("controller.npz"),
+        gap_aware="results/{case}/synthesis/gap/controller.npz",
+        baseline=baseline_file("controller.npz"),
         gap=lambda w: f"{gap_folder(w)}/gap.json",
     output:
         summary="results/{case}/{tier}validation/validation.json",
@@ -82,13 +82,13 @@ rule validation:
         case=lambda w: case_path(w.case),
         reads=reads("validation"),
         code=code("validation"),
-        careful=lambda w, input: flagged("--careful", input.careful),
+        baseline=lambda w, input: flagged("--baseline", input.baseline),
         trials=lambda w: TRIALS[w.tier],
     message:
         "{wildcards.case}: both controllers in closed loop, {params.trials} trials, {threads} processes"
     shell:
-        "simgap validation {params.case:q} --nominal {input.nominal:q} --robust {input.robust:q} --gap {input.gap:q}"
-        " {params.careful:q} --out {output.summary:q} --traces {output.traces:q} --trials {params.trials}"
+        "simgap validation {params.case:q} --nominal {input.nominal:q} --gap-aware {input.gap_aware:q} --gap {input.gap:q}"
+        " {params.baseline:q} --out {output.summary:q} --traces {output.traces:q} --trials {params.trials}"
         " --workers {threads} --log {log:q}"
 
 
@@ -96,7 +96,7 @@ rule audit:
     input:
         case=correction,
         gap=lambda w: f"{gap_folder(w)}/gap.json",
-        robust="results/{case}/synthesis/gap/controller.npz",
+        gap_aware="results/{case}/synthesis/gap/controller.npz",
         rollouts=known_samples,
         fresh=lambda w: f"results/{simulated(w.case, 'fresh')}/fresh/samples.parquet",
         after=ancient("results/{case}/validation/validation.json"),
@@ -122,7 +122,7 @@ rule audit:
     message:
         "{wildcards.case}: an adversary against bound and controller, {params.trials} trials, {threads} processes"
     shell:
-        "simgap audit {params.case:q} --gap {input.gap:q} --controller {input.robust:q} {params.shards:q}"
+        "simgap audit {params.case:q} --gap {input.gap:q} --controller {input.gap_aware:q} {params.shards:q}"
         " --fresh {input.fresh:q} --out {output.counts:q} --margins {output.margins:q} --witness {params.witness:q}"
         " --trials {params.trials} --workers {threads} --log {log:q}"
 
@@ -165,7 +165,7 @@ rule twin:
 rule trace:
     input:
         nominal="results/{case}/synthesis/nominal/controller.npz",
-        robust="results/{case}/synthesis/gap/controller.npz",
+        gap_aware="results/{case}/synthesis/gap/controller.npz",
         traces="results/{case}/validation/traces.parquet",
         case=correction,
     output:
@@ -185,5 +185,5 @@ rule trace:
     message:
         "{wildcards.case}: recording of both controllers for Rerun"
     shell:
-        "simgap trace {params.case:q} --nominal {input.nominal:q} --robust {input.robust:q} --traces {input.traces:q}"
+        "simgap trace {params.case:q} --nominal {input.nominal:q} --gap-aware {input.gap_aware:q} --traces {input.traces:q}"
         " --out {output:q} --log {log:q}"

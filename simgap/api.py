@@ -1,4 +1,4 @@
-"""What `import simgap` offers beyond readers of single files: the calls that take paths and return values.
+"""Calls of `import simgap` beyond readers of single files: the calls that take paths and return values.
 
 Every one raises `UserError` for a user's mistake, one line with file, key and remedy, `BrokenPromise` for a
 guarantee that does not hold, and `EngineCrash` where a simulator's process died. None of them needs a `__main__` guard.
@@ -46,7 +46,7 @@ def load_summary(folder: Path | str) -> dict[str, Any]:
 
 
 def check(case: Path | str) -> Checked:
-    """What `simgap check` finds: costs of the stages, cells an axis, what the engine does with the model file.
+    """Findings of `simgap check`: costs of the stages, cells an axis, what the engine does with the model file.
 
     Raises:
         UserError: whatever a stage would refuse later.

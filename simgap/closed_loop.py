@@ -14,7 +14,7 @@ from simgap.specifications.solution import after_choice
 
 
 class Plant(Protocol):
-    """What the loop drives: a simulator, a rig, the nominal model.
+    """Plant that the loop drives: a simulator, a rig, the nominal model.
 
     One that records the path between samples has it as `path` (k, nx) after each step.
     """
@@ -27,7 +27,7 @@ class Plant(Protocol):
 
 
 class Policy(Protocol):
-    """What the loop asks: `synthesis.controller.Controller` is one."""
+    """Policy that the loop queries: `synthesis.controller.Controller` is one."""
 
     @property
     def input_set(self) -> Floats: ...  # noqa: D102
@@ -37,7 +37,7 @@ class Policy(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Sensing:
-    """What the controller knows: bounded measurement error (nx,) and whole samples of latency (0 or 1)."""
+    """Knowledge of the controller: bounded measurement error (nx,) and whole samples of latency (0 or 1)."""
 
     error: Floats
     latency: int = 0
@@ -56,19 +56,19 @@ def closed_loop(
     sensing: Sensing,
     rng: np.random.Generator,
     monitor: Monitor,
-    seen: Floats | None = None,
+    first_measured: Floats | None = None,
 ) -> Run:
     """Run from `start` (nx,) until `steps` samples, or until the monitor ends it or the controller has no input.
 
-    `seen` (nx,) is the first measurement, `start` itself if not given. With one sample of latency the input decided
-    from a measurement acts one sample later; until the first one does, the controller's `first` acts. A run also ends
-    after a step whose path touches what the monitor watches, where the plant records its path.
+    `first_measured` (nx,) is the first measurement, `start` itself if not given. With one sample of latency the input
+    decided from a measurement acts one sample later; until the first one does, the controller's `first` acts. A run
+    also ends after a step whose path touches what the monitor watches, where the plant records its path.
     """
     lookup, inputs = scalar_lookup(policy), policy.input_set
     exact = not np.any(sensing.error)
     plant.reset(start)
     x = np.array(start, dtype=np.float64)
-    y = x if seen is None else seen
+    y = x if first_measured is None else first_measured
     pending, kind = int(getattr(policy, "first", 0)), getattr(policy, "kind", None)
     states, measured, applied, known = [x], [y], [], [pending]
     watched = monitor.measures_clearance and getattr(plant, "path", None) is not None
@@ -93,8 +93,10 @@ def closed_loop(
             if near[-1] <= 0.0:
                 break
     path, near_path = np.array(states), np.array(near) if watched else None
-    seen_path = path if exact else np.array(measured)
-    return Run(path, np.array(applied, dtype=np.int64), stuck, seen_path, near_path, np.array(known, dtype=np.int64))
+    measured_path = path if exact else np.array(measured)
+    return Run(
+        path, np.array(applied, dtype=np.int64), stuck, measured_path, near_path, np.array(known, dtype=np.int64)
+    )
 
 
 def scalar_lookup(policy: Policy) -> Callable[[Floats, int], int]:

@@ -32,12 +32,12 @@ class chi2:
 
     @staticmethod
     def ppf(p: Any, free: Any) -> Any:
-        """What is not exceeded with probability p."""
+        """Quantile: not exceeded with probability p."""
         return 2.0 * scipy.special.gammaincinv(np.asarray(free) / 2.0, p)
 
     @staticmethod
     def isf(p: Any, free: Any) -> Any:
-        """What is exceeded with probability p."""
+        """Upper quantile: exceeded with probability p."""
         return scipy.special.chdtri(free, p)
 
 
@@ -46,7 +46,7 @@ class student:
 
     @staticmethod
     def ppf(p: Any, free: Any) -> Any:
-        """What is not exceeded with probability p."""
+        """Quantile: not exceeded with probability p."""
         return scipy.special.stdtrit(free, p)
 
     @staticmethod
@@ -61,5 +61,5 @@ class fisher:
 
     @staticmethod
     def ppf(p: Any, free: Any, free_below: Any) -> Any:
-        """What is not exceeded with probability p."""
+        """Quantile: not exceeded with probability p."""
         return scipy.special.fdtri(free, free_below, p)

@@ -1,4 +1,4 @@
-"""What a person is told: a mistake or a broken promise, which end a run early, and a finding, which does not."""
+"""Messages to a person: a mistake or a broken promise, which end a run early, and a finding, which does not."""
 
 from __future__ import annotations
 
@@ -48,10 +48,10 @@ def placed(*, file: str | Path | None = None, key: str | None = None, remedy: st
     try:
         yield
     except UserError as error:
-        told = (file if error.file is None else error.file, error.key or key, remedy or error.remedy)
-        if told == (error.file, error.key, error.remedy):
+        located = (file if error.file is None else error.file, error.key or key, remedy or error.remedy)
+        if located == (error.file, error.key, error.remedy):
             raise
-        raise UserError(error.problem, file=told[0], key=told[1], remedy=told[2]) from None
+        raise UserError(error.problem, file=located[0], key=located[1], remedy=located[2]) from None
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
@@ -65,7 +65,7 @@ def nearest(name: str, known: Iterable[str]) -> str:
 def optional(
     product: str, extra: str, *, file: str | Path | None = None, key: str | None = "simulator.engine"
 ) -> Iterator[None]:
-    """What is imported within is not installed with every simgap: where it is missing, one line names the extra.
+    """Imports of a package that is not installed with every simgap: where it is missing, one line names the extra.
 
     Raises:
         UserError: an import failed.
@@ -89,7 +89,7 @@ class BrokenPromise(SimgapError):
 
 @dataclass(frozen=True)
 class Finding:
-    """What a person would not expect, for which no run is refused: key or part of a file, what happens, what to do."""
+    """Surprise for a person, for which no run is refused: key or part of a file, what happens, what to do."""
 
     key: str
     problem: str

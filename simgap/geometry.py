@@ -13,6 +13,9 @@ from numpy.typing import ArrayLike
 from simgap.arrays import Bools, Floats, Ints
 from simgap.errors import UserError, excerpt
 
+MOST_CELLS = 2.0**53
+"""Along one axis: beyond it doubles do not tell neighbouring cells apart."""
+
 
 def rows(*groups: tuple[ArrayLike, Sequence[object]]) -> tuple[Floats, ...]:
     """Points that belong together, each list with the names of its columns: -> arrays (n, names), one n for all.
@@ -29,8 +32,8 @@ def rows(*groups: tuple[ArrayLike, Sequence[object]]) -> tuple[Floats, ...]:
         except (TypeError, ValueError):
             raise UserError(f"points are rows of numbers, not {excerpt(repr(points), 60)}") from None
         if array.ndim != 2 or array.shape[1] != len(names):
-            told = f"{len(names)} numbers ({', '.join(map(str, names))})"
-            raise UserError(f"points are rows of {told}, not an array of shape {np.shape(points)}")
+            wanted = f"{len(names)} numbers ({', '.join(map(str, names))})"
+            raise UserError(f"points are rows of {wanted}, not an array of shape {np.shape(points)}")
         found.append(array)
     if len({len(own) for own in found}) > 1:
         raise UserError(f"points that belong together are {' and '.join(str(len(own)) for own in found)} in number")
@@ -100,8 +103,15 @@ class Grid:
         """The coarsest near-square cells whose half-diagonal is at most `eps` (paper, eq. max_epsilon)."""
         if not eps > 0:
             raise UserError(f"eps must be positive, not {eps}")
-        side = 2.0 * eps / np.sqrt(box.size)
-        return Grid(box, [int(np.ceil(width / side * (1 - 1e-12))) for width in box.hi - box.lo])
+        with np.errstate(over="ignore", divide="ignore"):
+            counts = np.ceil((box.hi - box.lo) / (2.0 * eps / np.sqrt(box.size)) * (1 - 1e-12))
+        if not (counts < MOST_CELLS).all():
+            raise UserError(
+                f"cells of radius {eps:g} are too many to count along an axis of X",
+                key="grid.eps",
+                remedy="Use a larger radius, or a smaller X",
+            )
+        return Grid(box, [int(count) for count in counts])
 
     @cached_property
     def h(self) -> Floats:

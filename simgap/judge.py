@@ -1,4 +1,4 @@
-"""What closed-loop runs are held against: the gap bound at every step, the specification at every sample."""
+"""Judgement of closed-loop runs: the gap bound at every step, the specification at every sample."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class GapAudit:
 
 @dataclass(frozen=True, eq=False)
 class Judge:
-    """What the runs of one controller are held against.
+    """Bound and specification that the runs of one controller must keep.
 
     Attributes:
         space: the states; monitor: of the specification; steps: samples that a run has.
@@ -132,7 +132,7 @@ def strays(certificate: Solution, run: Run) -> int:
         else:
             return 0
         return int((~inside | (cells < 0))[1:].sum())
-    levels = certificate.levels(run.seen, run.memory)
+    levels = certificate.levels(run.measured, run.memory)
     before, after = levels[:-1], levels[1:]
     kept = (after >= 0) & ((after < before) | ((before == 0) & (after == 0)))
     return int((~kept).sum())

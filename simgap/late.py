@@ -63,7 +63,7 @@ class _Kernel:
         return self._compiled(*arguments)
 
     def __getattr__(self, attribute: str) -> Any:
-        """What numba asks of its own functions, their type (`_numba_type_`) among it."""
+        """Attribute that numba reads from its own functions, their type (`_numba_type_`) among them."""
         if attribute != "_compiled":
             return getattr(self._compiled, attribute)
         signature, options = self._given
@@ -74,7 +74,7 @@ class _Kernel:
 
 
 def interpreted(module: ModuleType) -> SimpleNamespace:
-    """What stands in a module with its kernels as the Python functions that they are, also where one calls another."""
+    """Names of a module with its kernels as plain Python functions, also where one calls another."""
     names = dict(vars(module))
     names |= {
         name: FunctionType(value.py_func.__code__, names, name)

@@ -68,7 +68,7 @@ def number(value: Any, digits: int = 4) -> str:
 
 
 def with_error(value: float, half: float, unit: str = "") -> str:
-    """`value ± half unit`, rounded where the uncertainty has two digits: 0.19 ± 0.01 N m."""
+    """`value ± half unit`, rounded where the uncertainty has its first digits: 0.19 ± 0.01 N m."""
     tail = f" {pretty_unit(unit)}" if pretty_unit(unit) else ""
     if not (math.isfinite(half) and half > 0.0):
         return f"{value:.4g}{tail}"
@@ -76,7 +76,8 @@ def with_error(value: float, half: float, unit: str = "") -> str:
     leading = round(half / size, 1)
     digits = -round(math.log10(size)) + (1 if leading < 2.0 and leading != 1.0 else 0)  # 0.01, 0.012 and 0.3
     if digits > 7:
-        return f"({value:.4g} ± {half:.1g}){tail}"
+        least = max(math.floor(math.log10(abs(value) or half)) - math.floor(math.log10(half)), 0)
+        return f"({value:.{least}e} ± {half:.1g}){tail}"
     digits = max(digits, 0)
     return f"{value:.{digits}f} ± {half:.{digits}f}{tail}"
 

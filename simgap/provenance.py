@@ -1,4 +1,4 @@
-"""What made a result: the sections that its stage read, the code that computed it, the engines, the seeds.
+"""Provenance of a result: the sections that its stage read, the code that computed it, the engines, the seeds.
 
 The code of a stage is its import closure, which `grimp` finds (imports inside functions too, nothing is imported to
 find them), and the plug-ins that the case uses, which no import shows because they are found by name.
@@ -57,12 +57,12 @@ def parts_of(case: Case, sections: Iterable[str], folder: Path) -> dict[str, str
     found: dict[str, str] = {}
     whole = case.model_dump(mode="json")
     for name in sections:
-        section, _, asked = name.partition("=")
+        section, _, wanted = name.partition("=")
         value: Any = whole
         for part in section.split("."):
             value = value.get(part) if isinstance(value, dict) else None
-        if asked:
-            found[name] = digest(value == asked)
+        if wanted:
+            found[name] = digest(value == wanted)
         elif isinstance(value, dict):
             read = _content("", value, folder)
             found |= {f"{section}.{key}": digest(own) for key, own in read.items()}
@@ -72,7 +72,7 @@ def parts_of(case: Case, sections: Iterable[str], folder: Path) -> dict[str, str
 
 
 def _content(key: str, value: Any, folder: Path) -> Any:
-    """What stands below a key, with the bytes of what it names."""
+    """Content below a key, with the bytes of what it names."""
     if isinstance(value, dict):
         read = {name: _content(name, own, folder) for name, own in value.items()}
         if value.get("engine") == "python":
@@ -92,7 +92,7 @@ def _content(key: str, value: Any, folder: Path) -> Any:
 
 
 def sections_of(stage: str, case: Case) -> tuple[str, ...]:
-    """What a stage reads of a case: an engine that is not simgap's is given the case, and may read all of the plant.
+    """Sections of a case that a stage reads: a foreign engine gets the case, and may read all of the plant.
 
     Equations may be those of the plant, and what is known in closed form is read by whatever bounds slopes.
     """
@@ -136,14 +136,14 @@ def code_digest(stage: str, case: Case | None = None, folder: Path = Path()) -> 
 def plugins_of(stage: str, case: Case | None) -> list[tuple[str, str]]:
     """Group and name of the plug-ins that a stage runs for a case: those of the groups whose door it imports."""
     reached = closure(module_of(stage))
-    asked = [(u.group, u.name) for u in (used_plugins(case) if case is not None else ())]
-    asked += [("effects", name) for name in _effects(stage, case)]
+    plugins_used = [(u.group, u.name) for u in (used_plugins(case) if case is not None else ())]
+    plugins_used += [("effects", name) for name in _effects(stage, case)]
     copied = stage == "diagnosis"  # the corrected case takes copies of the files along
     # over hidden states an engine's settings are asked how far its paths stray, and their methods stand in its file
     asks = case is not None and case.hidden_state is not None and "simulator" in READS.get(stage, ())
     return [
         (g, n)
-        for g, n in asked
+        for g, n in plugins_used
         if plugins.DOORS.get(g) in reached or (copied and ".py:" in n) or (asks and g == "engines")
     ]
 
@@ -158,7 +158,7 @@ def _effects(stage: str, case: Case | None) -> list[str]:
 
 
 def _sources(group: str, name: str, folder: Path) -> dict[str, str]:
-    """What a plug-in is made of: its file, and all that this file imports from the package."""
+    """Sources of a plug-in: its file, and all that this file imports from the package."""
     built_in = plugins.BUILT_IN[group].get(name)
     if built_in is not None:
         return module_digests(closure(built_in.partition(":")[0]))
@@ -203,7 +203,7 @@ def closure(module: str) -> frozenset[str]:
 
 @cache
 def imports() -> dict[str, list[str]]:
-    """What each module of the package imports from it, without `UNHASHED`; found once for sources and then kept."""
+    """Imports of each module of the package from it, without `UNHASHED`; found once for sources and then kept."""
     texts = {path.relative_to(PACKAGE).as_posix(): found for path, (found, _) in sources().items()}
     name, home = digest([texts, UNHASHED, _version("grimp")]), cache_folder()
     kept = home / "imports" / f"{name}.json" if home is not None else None
@@ -296,8 +296,8 @@ def require_own(path: Path, record: Any, stages: Sequence[str], case: Case, fold
     own = _parts_of_stages(names, case, folder)
     passed = {"name", *(["plant.effects"] if made in SIMULATED else COPIED if made == "diagnosis" else [])}
     differing = sorted(key for key in own.keys() | parts.keys() if own.get(key) != parts.get(key))
-    told = [excerpt(key, 60) for key in differing if not passed & {key, key.partition(".")[0]}]
-    if told:
-        rest = f" and {len(told) - MOST_TOLD} more" if len(told) > MOST_TOLD else ""
-        keys = ", ".join(told[:MOST_TOLD]) + rest
+    keys_named = [excerpt(key, 60) for key in differing if not passed & {key, key.partition(".")[0]}]
+    if keys_named:
+        rest = f" and {len(keys_named) - MOST_TOLD} more" if len(keys_named) > MOST_TOLD else ""
+        keys = ", ".join(keys_named[:MOST_TOLD]) + rest
         raise UserError(f"not of this case, which differs in {keys}", file=path, remedy=f"`{made}` read them. {again}")

@@ -37,7 +37,7 @@ def reach(scores: Floats, level: float, piece: Ints | None = None) -> float:
 
 
 def attained(pieces: int, level: float) -> float:
-    """What so many independent pieces leave of a level: the largest score of m holds with m / (m + 1)."""
+    """Level that so many independent pieces attain: the largest score of m holds with m / (m + 1)."""
     return level if pieces >= fewest(level) else pieces / (pieces + 1)
 
 

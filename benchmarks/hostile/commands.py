@@ -14,7 +14,7 @@ COMMANDS = (
 )  # fmt: skip
 OPTIONS = (
     "--out", "--log", "--point", "--grid", "--shard", "--rollouts", "--gap", "--controller",
-    "--workers", "--samples", "--fresh", "--urdf", "--equations", "--traces", "--nominal", "--robust", "--summary",
+    "--workers", "--samples", "--fresh", "--urdf", "--equations", "--traces", "--nominal", "--gap-aware", "--summary",
     "--cores", "--help", "-x", "--", "--version", "--times", "--witness", "--margins", "--scp", "--lipschitz",
 )  # fmt: skip
 VALUES = (

@@ -334,7 +334,7 @@ def play(
         own = options.inputs[going]
         acting = law.acting(memory[alive], last[alive])
         m = choose(rule, scene, space.wrapped(x[alive]), acting, last[alive], k, own, rng)
-        record.seen[k, alive] = x[alive] + law.corners[options.corner[going][np.arange(len(m)), m]]
+        record.measured[k, alive] = x[alive] + law.corners[options.corner[going][np.arange(len(m)), m]]
         now, memory[alive] = law.applied(memory[alive], m)
         x[alive], near = plants.advance(x[alive], law.inputs[now], last[alive])
         last[alive] = now
@@ -346,7 +346,7 @@ class _Record:
     """States, measurements, inputs and memories of runs side by side."""
 
     def __init__(self, n: int, nx: int, steps: int, law: ControlLaw) -> None:
-        self.x, self.seen = np.full((steps + 1, n, nx), np.nan), np.full((steps + 1, n, nx), np.nan)
+        self.x, self.measured = np.full((steps + 1, n, nx), np.nan), np.full((steps + 1, n, nx), np.nan)
         self.inputs, self.memory = np.full((steps, n), -1, np.int64), np.tile(law.first(n), (steps + 1, 1))
         self.near, self.watched = np.full((steps + 1, n), np.inf), False
         self.length, self.stuck = np.zeros(n, np.int64), np.zeros(n, np.bool_)
@@ -354,18 +354,18 @@ class _Record:
 
     def sort_out(self, k: int, alive: Ints, x: Floats, options: Options, rng: np.random.Generator) -> Bools:
         """Note sample k of the runs that are alive, (n,) with states x (n, nx); which of them go on: (n,)."""
-        self.x[k, alive], self.seen[k, alive] = x, x
+        self.x[k, alive], self.measured[k, alive] = x, x
         stuck = options.stuck >= 0
         over = ~stuck & (options.ended >= 0)
         over &= ~options.inputs.any(axis=1) | (rng.integers(0, 2, len(alive)) == 0)
         for which, corner in ((stuck, options.stuck), (over, options.ended)):
-            self.seen[k, alive[which]] = x[which] + self._law.corners[corner[which]]
+            self.measured[k, alive[which]] = x[which] + self._law.corners[corner[which]]
         self.stuck[alive[stuck]] = True
         return ~stuck & ~over
 
     def add(self, k: int, alive: Ints, x: Floats, now: Ints, memory: Ints, near: Floats | None) -> None:
         """Note the step after sample k of these runs, (n,) each, to states x (n, nx)."""
-        self.x[k + 1, alive], self.seen[k + 1, alive] = x, x
+        self.x[k + 1, alive], self.measured[k + 1, alive] = x, x
         self.inputs[k, alive], self.memory[k + 1, alive] = now, memory
         self.length[alive] = k + 1
         if near is not None:
@@ -376,8 +376,8 @@ class _Record:
         out = []
         for i, n in enumerate(self.length.tolist()):
             near = self.near[: n + 1, i] if self.watched else None
-            x, seen, known = self.x[: n + 1, i], self.seen[: n + 1, i], self.memory[: n + 1, i]
-            out.append(Run(x, self.inputs[:n, i], bool(self.stuck[i]), seen, near, known))
+            x, measured, known = self.x[: n + 1, i], self.measured[: n + 1, i], self.memory[: n + 1, i]
+            out.append(Run(x, self.inputs[:n, i], bool(self.stuck[i]), measured, near, known))
         return out
 
 

@@ -46,7 +46,7 @@ class HistoryProblem:
 
     @staticmethod
     def of(context: Context, robot: Simulator, gap: GapFunction, length: int) -> HistoryProblem:
-        """Of a robot in its own frame."""
+        """Histories of a robot, in its own frame."""
         assert isinstance(robot, PathSimulator)
         assert isinstance(gap, BodyFrameGap)
         motion, pose = motion_of(context), pose_axes(context)

@@ -63,7 +63,7 @@ class ControlLaw:
         return self.applied(memory, np.zeros_like(memory))[0] if self.solution.late else last
 
     def applied(self, memory: Ints, decided: Ints) -> tuple[Ints, Ints]:
-        """Which inputs act now, and the memory afterwards: (n,), (n,) -> (n,), (n,)."""
+        """Inputs that act now, and the memory afterwards: (n,), (n,) -> (n,), (n,)."""
         now, after = self.solution.step(memory, decided)
         return np.asarray(now, np.int64), np.asarray(after, np.int64)
 

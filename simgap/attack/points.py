@@ -54,7 +54,7 @@ class GapProblem:
 
     @staticmethod
     def of(context: Context, simulator: Simulator, gap: GapFunction) -> GapProblem:
-        """Of a simulator that is a function of state and input, or a range of it where commands are late."""
+        """Search for a simulator that is a function of state and input, or a range of it where commands are late."""
 
         def successors(x: Floats, u: Floats) -> tuple[Floats, Floats]:
             if simulator.remembers:

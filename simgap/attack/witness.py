@@ -64,7 +64,7 @@ class Witness(JsonRecord):
         if broken.outside.any():
             what += f"; step {int(np.argmax(broken.outside)) + 1} is the first outside gamma"
         u, end = inputs[run.inputs], broken.end
-        return Witness(RUN, plant, what, broken.rule, end, u, run.x, run.seen, nothing, nothing, nothing)
+        return Witness(RUN, plant, what, broken.rule, end, u, run.x, run.measured, nothing, nothing, nothing)
 
     @classmethod
     def read(cls, data: Mapping[str, Any], nx: int, nu: int) -> Witness:

@@ -56,7 +56,8 @@ def main(arguments: list[str] | None = None) -> None:
         say("simgap: out of memory; `simgap check CASE` states what a run needs", err=True)
         status = 1
     except _USAGE as error:
-        say(one_line(f"simgap: {error} (simgap --help lists what there is)"), err=True)
+        command = " ".join(["simgap", *(own.info_name for own in [getattr(error, "ctx", None)] if own and own.parent)])
+        say(one_line(f"simgap: {error} ({command} --help lists what there is)"), err=True)
         status = 2
     except (typer.Abort, KeyboardInterrupt):
         say("simgap: interrupted", err=True)

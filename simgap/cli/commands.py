@@ -72,6 +72,7 @@ GROUPS: Mapping[str, Mapping[str, Command]] = {
     "Results": {
         "view": Command("simgap.cli.tools:view"),
         "times": Command("simgap.cli.tools:times"),
+        "why": Command("simgap.cli.tools:why"),
         "replay": Command("simgap.cli.tools:replay"),
     },
     "Stages, which `simgap run` calls in order": {

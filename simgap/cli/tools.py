@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from simgap import reading
-from simgap.cli.options import AsJson, Log, Out, new_file, start_log
+from simgap.cli.options import AsJson, CasePath, Log, Out, new_file, start_log, values_of
 from simgap.cli.terminal import console, say, say_json
 from simgap.errors import UserError
 
@@ -56,6 +56,18 @@ def _show_times(jobs: Sequence[JobTime]) -> None:
     out.print(table)
     last = datetime.fromtimestamp(max(job.ended for job in jobs)).astimezone()
     out.print(f"{len(jobs)} jobs, {duration(total)} of CPU time; the last ended on {last:%Y-%m-%d at %H:%M %Z}")
+
+
+def why(
+    case: CasePath,
+    at: Annotated[str, typer.Option(help="The state: q=0.5,v=0.", show_default=False)],
+    results: Annotated[Path | None, typer.Option(help="Results of the case; by default results/<case>.")] = None,
+) -> None:
+    """Say why the controller of a run wins or loses at a state: what each input runs into, with the gap and without."""
+    from simgap.stages import why as stage
+
+    for sentence in stage.run(case, values_of(at, "--at"), results):
+        say(sentence)
 
 
 def replay(

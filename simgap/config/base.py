@@ -1,4 +1,4 @@
-"""What every section of a case file shares, and numbers with units in it: `0.005 s`, `5 ms`, or a bare number."""
+"""Base of every section of a case file, and numbers with units: `0.005 s`, `5 ms`, or a bare number."""
 
 from __future__ import annotations
 

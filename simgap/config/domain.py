@@ -10,6 +10,9 @@ from pydantic import Field, model_validator
 from simgap.arrays import Floats
 from simgap.config.base import Interval, Seconds, Section
 
+MOST_VALUES = 2.0**53
+"""Of one input: beyond it doubles do not count by ones."""
+
 
 class InputSet(Section):
     """The values that one input may take: `values`, or all of min, min + step, ..., max."""
@@ -31,6 +34,10 @@ class InputSet(Section):
             raise ValueError("an input set needs values, or min, max and step")
         if self.max < self.min:
             raise ValueError(f"U is empty: max {self.max} is below min {self.min}")
+        if not (self.max - self.min) / self.step < MOST_VALUES:
+            raise ValueError(
+                f"a step of {self.step} from {self.min} to {self.max} gives more values than can be counted"
+            )
         return self
 
     @property

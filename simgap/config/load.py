@@ -135,8 +135,8 @@ def _check_keys(node: yaml.MappingNode) -> None:
     for key, _ in node.value:
         line = key.start_mark.line + 1
         if not isinstance(key, yaml.ScalarNode) or key.tag in (_NULL, _BOOL, _INT, _FLOAT):
-            told = f"the key {excerpt(repr(key.value))}" if isinstance(key, yaml.ScalarNode) else "a list or mapping"
-            problem = f"{told} is not a name; names that look like numbers need quotes"
+            named = f"the key {excerpt(repr(key.value))}" if isinstance(key, yaml.ScalarNode) else "a list or mapping"
+            problem = f"{named} is not a name; names that look like numbers need quotes"
             raise ConstructorError(None, None, problem, key.start_mark)
         if key.value in lines:
             first = lines[key.value]
@@ -179,7 +179,7 @@ def case_content(path: Path, above: tuple[Path, ...] = ()) -> Any:
     if base in above:
         raise UserError("a case cannot extend itself", file=path, key="extends")
     inherited = case_content(base, above)
-    parse_case(inherited, base)  # a mistake in it is told with its own file
+    parse_case(inherited, base)  # a mistake in it is named with its own file
     return overlay(inherited, content)
 
 

@@ -1,4 +1,4 @@
-"""Which keys of a case name model files: their bytes are part of what made a result, their paths move along."""
+"""Keys of a case that name model files: their bytes are part of what made a result, their paths move along."""
 
 from __future__ import annotations
 
@@ -91,8 +91,8 @@ def _named_by_mjcf(model: Path, root: ElementTree.Element) -> Iterator[tuple[str
                     found = _root(place)
                     waiting += [] if found is None else [(place, found)]
     compilers = [c for own in read for c in own.iter("compiler")]
-    asked = {str(c.get(k)) for c in compilers for k in ("meshdir", "texturedir", "assetdir") if c.get(k)}
-    folders += [base / name for name in sorted(asked) for base in tuple(folders)]
+    given = {str(c.get(k)) for c in compilers for k in ("meshdir", "texturedir", "assetdir") if c.get(k)}
+    folders += [base / name for name in sorted(given) for base in tuple(folders)]
     for name in dict.fromkeys(v for own in read for e in own.iter() for k, v in e.items() if k.startswith("file")):
         for place in dict.fromkeys(base / part for base in folders for part in (name, Path(name).name)):
             if reading.is_file(place) and reading.real(place) not in seen:

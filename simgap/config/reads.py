@@ -1,4 +1,4 @@
-"""What each stage reads of a case: a change elsewhere in the file reruns nothing of it.
+"""Sections of a case that each stage reads: a change elsewhere in the file reruns nothing of it.
 
 `section.key=value` says that the stage reads no more than whether the key has that value.
 """

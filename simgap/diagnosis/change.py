@@ -22,7 +22,7 @@ from simgap.notation import joined
 
 _RAMP_ENDS = 13  # instants, evenly spread, at which a slow change may begin and end: twelfths of a record
 
-Answer = Callable[[Record, DiagnosisSettings], Diagnosis]
+Answer = Callable[[Record, DiagnosisSettings], Diagnosis | None]
 
 
 def sides_apart(
@@ -35,7 +35,7 @@ def sides_apart(
     Args:
         record: the data; settings: of the diagnosis.
         search, found: on the whole record, off the noise.
-        answer: diagnoses a part of the record.
+        answer: diagnoses a part of the record; None where its search ends above the noise.
     """
     if search.watch.stopped or chi2_dof(search.problem, found.fit) <= FIT_QUALITY:
         return None
@@ -48,12 +48,12 @@ def sides_apart(
     long, short = (before, after) if before.rows >= after.rows else (after, before)
     try:
         main = answer(long, _for(long, settings))
-        if not _whole(main):
+        if main is None or not _whole(main):
             return None
         other = answer(short, _for(short, settings))
     except UserError:  # a side is too short for three folds
         return None
-    if not _whole(other):
+    if other is None or not _whole(other):
         return None
     sides = (main, other) if long is before else (other, main)
     fault = _fault(change, record, sides, "before" if long is before else "after")

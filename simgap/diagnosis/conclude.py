@@ -51,7 +51,7 @@ from simgap.diagnosis.verdict.judge import (
     vanished,
     verdict,
 )
-from simgap.effects import EFFECTS, AppliedEffect, apply_effects
+from simgap.effects import EFFECTS, AppliedEffect
 from simgap.effects.sensor_gain import LINEAR, is_linear
 from simgap.model.symbolic import SymbolicModel
 from simgap.notation import joined
@@ -103,7 +103,6 @@ def conclude(
         faint_memory=verdict_is.faint,
         at_most=most if limited and len(chosen.kept.members) >= most else None,
         applied=answer.applied(kept),
-        corrected=apply_effects(model, answer.applied(kept)),
         windows=tuple(windows),
         nearest=short,
         left_over=left,
@@ -299,7 +298,11 @@ def nearest(
     if not found.members or share < MATTERS:
         return None
     reasons = (
-        (not evidence.carries, "it does not significantly predict better by a tenth"),
+        (not evidence.gain.sure, "it does not significantly predict better by a tenth"),
+        (
+            not evidence.borne_out,
+            "the confirming data do not bear it out: a channel is predicted worse there, or none better",
+        ),
         (not evidence.agree, "halves of the data give different numbers"),
         (not found.physical, "the numbers are not physical"),
         (not found.fit.converged, "the fit had not converged"),

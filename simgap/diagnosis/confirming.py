@@ -17,7 +17,7 @@ from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import A_FEW, FIT_QUALITY, LEAPS_ANYHOW, MOST
 from simgap.diagnosis.verdict.horizon import HorizonError
 from simgap.diagnosis.verdict.judge import Evidence, HeldOut, excess_share, folds_agree, judge, needed
-from simgap.diagnosis.verdict.score import gained
+from simgap.diagnosis.verdict.score import Errors, Gain, gained
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,14 @@ def _evidence(parts: Parts, chosen: Chosen, old: HeldOut, new: HeldOut) -> Evide
     here, carried = (old.errors.density(), new.errors.density()), chosen.carried
     chose = (np.zeros(0), np.zeros(0)) if carried is None else (carried.declared, carried.predicted)
     whole = gained(*(np.concatenate(each) for each in zip(chose, here, strict=True)))
-    return Evidence(before, after, old, new, share, whole, gained(*here).matters, agree, wanted)
+    return Evidence(before, after, old, new, share, whole, is_borne_out(old.errors, new.errors), agree, wanted)
+
+
+def is_borne_out(declared: Errors, corrected: Errors) -> bool:
+    """Whether errors on *confirm* by itself get smaller by a size that matters, and in no channel larger by as much."""
+    gains = (corrected.by_channel() - declared.by_channel()).mean(axis=0)
+    whole, *losses = (Gain(float(nats), 0.0) for nats in (gains.mean(), *-gains))
+    return whole.matters and not any(loss.matters for loss in losses)
 
 
 def _steadier(known: Problem, search: Search, found: Explanation) -> Explanation | None:

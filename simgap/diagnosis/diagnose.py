@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from simgap.diagnosis.search.scoring import barred
 from simgap.diagnosis.search.watch import Watch
 from simgap.diagnosis.seek import (
     Searched,
+    acts_later,
     begun,
     explained_by_one,
     fitted_again,
@@ -28,6 +29,7 @@ from simgap.diagnosis.seek import (
 )
 from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.parts import Parts, parts_of
+from simgap.diagnosis.thresholds import FIT_QUALITY
 from simgap.diagnosis.tiers import Tiers
 from simgap.diagnosis.verdict.faults import filtered_channels
 from simgap.errors import UserError
@@ -52,46 +54,70 @@ def diagnose(
     Raises:
         UserError: no trace as long as a window, inputs that are not the model's, unknown effects.
     """
+    return diagnose_mended(model, record, settings, tell)[0]
+
+
+def diagnose_mended(
+    model: SymbolicModel,
+    record: Record,
+    settings: DiagnosisSettings | None = None,
+    tell: Callable[[str], None] = lambda words: None,
+) -> tuple[Diagnosis, Record]:
+    """The same, and the record as it was diagnosed: without what was seen to be no measurement, in the right units."""
     settings = settings or DiagnosisSettings()
     if record.inputs != model.input_names:
         raise UserError(f"the record has inputs {list(record.inputs)}", remedy=f"Give {list(model.input_names)}.")
-    return _answer(model, record, settings, tell, whole=True)
-
-
-def _answer(
-    model: SymbolicModel, record: Record, settings: DiagnosisSettings, tell: Callable[[str], None], whole: bool
-) -> Diagnosis:
-    """The answer for a record; only of a `whole` one it is asked whether the plant changed in the middle."""
-    record, parts, said, faults = ready(model, record, settings)
-    watch, known_of = Watch(settings.budget_s, tell), barred(model, record, settings.effects, settings.known)
-    parts, ends, filtered, not_tried, robust = _found(model, record, settings, parts, known_of, watch)
-    louder = under_its_noise(parts, ends, settings.max_effects, not_tried)
-    if louder is None and whole:
-        search, _, best = ends
-        apart = sides_apart(record, settings, search, best, _part_by(model, watch, tell))
+    watch = Watch(settings.budget_s, tell)
+    sought = _sought(model, record, settings, watch)
+    if not sought.coloured:
+        search, _, best = sought.ends
+        apart = sides_apart(sought.record, settings, search, best, _part_by(model, watch, tell))
         if apart is not None:
-            return replace(apart, recording=(*faults, *apart.recording))
-    parts, ends = louder or (parts, ends)
+            return replace(apart, recording=(*sought.faults, *apart.recording)), sought.record
+    return _concluded(model, settings, sought), sought.record
+
+
+@dataclass(frozen=True, eq=False)
+class _Sought:
+    """What the searches of a record end with.
+
+    Attributes:
+        record: without what is no measurement; said: what is to be said of it; faults: seen in it.
+        parts: the folds, as far as commands from the record alone act; ends: the search on them.
+        filtered: velocities that were left out; not_tried: candidates that were not tried, and why.
+        coloured: whether the noise has a colour; robust: the folds and the search under the law of gross errors, where
+            those are no pushes.
+    """
+
+    record: Record
+    said: tuple[str, ...]
+    faults: tuple[RecordingFault, ...]
+    parts: Parts
+    ends: Searched
+    filtered: tuple[RecordingFault, ...]
+    not_tried: Mapping[Key, str]
+    coloured: bool
+    robust: tuple[Parts, Searched] | None
+
+
+def _concluded(model: SymbolicModel, settings: DiagnosisSettings, sought: _Sought) -> Diagnosis:
+    """The answer from what was found: the set that is put to *confirm*, and what *confirm* says of it."""
+    parts, ends, watch = sought.parts, sought.ends, sought.ends[0].watch
     if watch.stopped:  # what is spent is spent: the answer stands on the samples that it was found on
         parts = replace(parts, known=ends[0].problem)
-    put = chosen(parts, ends, settings, not_tried)
-    if robust is not None and not (put.at_floor or watch.stopped):
-        other = chosen(*robust, settings, not_tried)
+    put = chosen(parts, ends, settings, sought.not_tried)
+    if sought.robust is not None and not (put.at_floor or watch.stopped):
+        other = chosen(*sought.robust, settings, sought.not_tried)
         if other.predicts_better_than(put):
-            parts, put = robust[0], other
+            parts, put = sought.robust[0], other
     watch.over = True
-    return conclude(model, record, settings, parts, put, said, (*faults, *filtered))
+    return conclude(model, sought.record, settings, parts, put, sought.said, (*sought.faults, *sought.filtered))
 
 
-def _found(
-    model: SymbolicModel, record: Record, settings: DiagnosisSettings, parts: Parts,
-    not_tried: Mapping[Key, str], watch: Watch,
-) -> tuple[Parts, Searched, tuple[RecordingFault, ...], Mapping[Key, str], tuple[Parts, Searched] | None]:  # fmt: skip
-    """Search a record, tier by tier, and again where what was found changes what is known of it.
-
-    The folds, as far as commands from the record alone act, the search on them, velocities that were left out,
-    candidates that were not tried, and where errors are gross but no pushes, the folds and the search under their law.
-    """
+def _sought(model: SymbolicModel, record: Record, settings: DiagnosisSettings, watch: Watch) -> _Sought:
+    """Search a record, tier by tier, and again where what was found changes what is known of it."""
+    record, parts, said, faults = ready(model, record, settings)
+    not_tried = barred(model, record, settings.effects, settings.known)
     robust = None
     most, before = settings.max_effects, begun(parts.known, not_tried, watch)
     tiers = Tiers(model, record, settings, not_tried, parts)
@@ -102,7 +128,7 @@ def _found(
             parts, ends = pushed
             tiers, wide = replace(tiers, like=parts), None
         else:  # all data by least squares, from the beginning
-            robust = pushed
+            robust = None if pushed is None or acts_later(pushed[1][0], pushed[1][2]) else pushed
             ends = searched(parts.known, most, not_tried, watch, before=before)
         wider = tiers.second(ends[0], ends[2], wide)
     wider = tiers.motors(*(wider or (parts, ends))[1][::2]) or wider
@@ -110,7 +136,7 @@ def _found(
     search, _, found = ends
     reach, late = parts.known.reach(found.fit.theta), parts.known.ahead(found.fit.theta)
     if late > 0.0 or reach > parts.known.reach(search.problem.model.null):  # commands outside the record are unknown
-        parts, robust = parts.past_the_unknown(reach).before_the_end(late), None
+        parts = parts.past_the_unknown(reach).before_the_end(late)
         if watch.stopped:
             ends = fitted_again(parts.known, search, found, not_tried)
         else:
@@ -120,7 +146,9 @@ def _found(
         parts, robust = parts.without(np.isin(record.measured, [f.channel for f in filtered])), None
         not_tried = {**not_tried, **{(f.fault, f.channel): "the channel was left out" for f in filtered}}
         ends = searched(parts.known, most, not_tried, watch)
-    return parts, ends, filtered, not_tried, robust
+    louder = under_its_noise(parts, ends, most, not_tried)
+    parts, ends = louder or (parts, ends)
+    return _Sought(record, said, faults, parts, ends, filtered, not_tried, louder is not None, robust)
 
 
 def ready(
@@ -137,9 +165,11 @@ def ready(
 
 
 def _part_by(model: SymbolicModel, watch: Watch, tell: Callable[[str], None]) -> Answer:
-    """Diagnoses a part of the record within what is left of the budget."""
+    """Diagnoses a part of the record within what is left of the budget; only where it comes down to its noise."""
 
-    def answer(part: Record, settings: DiagnosisSettings) -> Diagnosis:
-        return _answer(model, part, replace(settings, budget_s=watch.left), tell, whole=False)
+    def answer(part: Record, settings: DiagnosisSettings) -> Diagnosis | None:
+        sought = _sought(model, part, settings, Watch(watch.left, tell))
+        search, _, best = sought.ends
+        return _concluded(model, settings, sought) if chi2_dof(search.problem, best.fit) <= FIT_QUALITY else None
 
     return answer

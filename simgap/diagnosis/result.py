@@ -9,7 +9,6 @@ from typing import Literal
 from simgap.arrays import Floats
 from simgap.effects import AppliedEffect
 from simgap.effects.quoted import Quoted
-from simgap.model.symbolic import SymbolicModel
 
 Verdict = Literal["none", "attributed", "partial", "unexplained"]
 Key = tuple[str, str]
@@ -155,7 +154,7 @@ class WindowPrediction:
         trace: name of the trace; held_out: whether it is of *confirm*.
         t: (n,) s; measured, before, after: (n, k).
         states: (n, nx) states of the corrected model; inputs: (n, m) recorded inputs.
-        used: (n, k) 1 for readings that are compared, 0 for those that are no measurement; None: all are.
+        used: (n, k) 1 for readings that are compared, 0 for those that are no measurement.
     """
 
     trace: str
@@ -166,7 +165,7 @@ class WindowPrediction:
     after: Floats
     states: Floats
     inputs: Floats
-    used: Floats | None = None
+    used: Floats
 
 
 @dataclass(frozen=True)
@@ -254,7 +253,7 @@ class Diagnosis:
         collinear: candidates that this excitation can hardly tell apart.
         folds: what fitted, what chose among sets, and what the errors and the verdict are from.
         warnings: what a person should know.
-        applied: the effects with their numbers; corrected: the declared model with them.
+        applied: the effects with their numbers.
         windows: predictions for plots.
         nearest: what comes nearest where the verdict is `unexplained`; None if nothing explains a tenth.
         left_over: effects of the library that would take away a part of what is left; None if the fitted data are down
@@ -279,7 +278,6 @@ class Diagnosis:
     folds: FoldStretches
     warnings: tuple[str, ...]
     applied: tuple[AppliedEffect, ...]
-    corrected: SymbolicModel
     windows: tuple[WindowPrediction, ...]
     nearest: Nearest | None = None
     left_over: tuple[LeftOver, ...] | None = None

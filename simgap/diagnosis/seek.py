@@ -71,7 +71,7 @@ def searched(
         return search, base, best_so_far(search, base, most)
     try:
         found = select(search, base, most) if known is None else carried_over(search, base, *known, most)
-        if before is not None and _acts_later(search, found):  # sought once more without what was commanded before
+        if before is not None and acts_later(search, found):  # sought once more without what was commanded before
             return search, base, found
         return ended(search, base, found, most)
     except Stopped:
@@ -81,7 +81,7 @@ def searched(
     return search, base, best_so_far(search, base, most)
 
 
-def _acts_later(search: Search, found: Explanation) -> bool:
+def acts_later(search: Search, found: Explanation) -> bool:
     """Whether commands from outside the record act on it under what was found, and not as declared."""
     problem, null = search.problem, search.problem.model.null
     return problem.ahead(found.fit.theta) > 0.0 or problem.reach(found.fit.theta) > problem.reach(null)
@@ -115,12 +115,13 @@ def under_its_law(
     """
     search, start, found, problem = plain, base, plain.empty(base), plain.problem
     spans: tuple[Span, ...] = ()
-    last, smaller = np.full(len(problem.sigma), np.inf), True
+    last = least = np.full(len(problem.sigma), np.inf)
+    smaller = True
     while not (search.watch.stopped or search.reached(found)):
         misses = problem.misses(found.fit.theta, found.fit.x0)
         size = np.maximum(usual_size(misses), 1.0)
         usual = size * problem.sigma
-        smaller, before = bool(np.any(usual < MOST * last)), smaller
+        smaller, before, least = bool(np.any(usual < MOST * least)), smaller, np.minimum(least, usual)
         if not (smaller or before):  # once more after the last: windows are cut where the errors end by then
             break
         if search is not plain and np.all(np.abs(misses) <= FAR * size):  # nothing stands out

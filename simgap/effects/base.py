@@ -1,7 +1,7 @@
 """What a physical effect is: a symbolic change of the model, with parameters, units, sign constraints and words.
 
-The one definition serves the fit, the corrected nominal model, the simulator's twin and the report: nothing outside an
-effect's own file knows it by name.
+The one definition serves the fit, the corrected nominal model, the simulator's twin and the report. The few
+places that know an effect by name say why there.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ class SensorOffset(Effect):
 
     name = "sensor_offset"
     short = "an offset of the sensor of {on}"
-    long = "a sensor of {on} that reads {offset} too much"
+    long = "an offset of {offset} of the sensor of {on}"
     kind = "state"
     formula = "y = x + offset"
     source = "Ljung (1999), System Identification, sec. 14.1"

@@ -12,10 +12,6 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.config.measured import MeasuredSection
 from simgap.diagnosis.diagnose import ready
-from simgap.diagnosis.experiment.ask import Advice, Question, ask, windows_to_come
-from simgap.diagnosis.experiment.propose import missed
-from simgap.diagnosis.experiment.rivals import Explained, library_names
-from simgap.diagnosis.experiment.words import lengths_in_words, paragraph
 from simgap.diagnosis.record.conditions import Known, conditioned, under_conditions
 from simgap.diagnosis.record.faults.measurement import is_fault
 from simgap.diagnosis.record.record import Record
@@ -23,6 +19,10 @@ from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.thresholds import CONFIDENCE
 from simgap.effects import AppliedEffect
 from simgap.errors import UserError
+from simgap.extras.experiment.ask import Advice, Question, ask, windows_to_come
+from simgap.extras.experiment.propose import missed
+from simgap.extras.experiment.rivals import Explained, library_names
+from simgap.extras.experiment.words import lengths_in_words, paragraph
 from simgap.geometry import Box
 from simgap.io import figure_style as style
 from simgap.io.atomic import write_text

@@ -31,7 +31,7 @@ from simgap.simulators.rollouts import roll_out
 from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
 from simgap.stages import log
-from simgap.synthesis.synthesise import Problem, synthesise
+from simgap.synthesis.synthesise import SynthesisProblem, synthesise
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ def highest(form: Form, domain: GapDomain) -> float:
     return supremum(form, domain.input_set)[1]
 
 
-def allowed(problem: Problem, threads: int = 1) -> Allowed:
+def allowed(problem: SynthesisProblem, threads: int = 1) -> Allowed:
     """Run synthesis and count; an empty domain is a result here, not an error."""
     try:
         solution = synthesise(problem, threads)
@@ -244,10 +244,10 @@ def gap_domain(context: Context, free: tuple[int, ...]) -> GapDomain:
     )
 
 
-def posed(context: Context, domain: GapDomain, gamma: dict[str, str]) -> Problem:
+def posed(context: Context, domain: GapDomain, gamma: dict[str, str]) -> SynthesisProblem:
     """The synthesis problem with the printed bound."""
     section = context.need(context.case.synthesis, "synthesis")
-    return Problem(
+    return SynthesisProblem(
         model=context.plant.sampled,
         specification=specification_of(context.case),
         space=Space.of(context.case),

@@ -62,7 +62,7 @@ def _table(values: np.ndarray) -> str:
 
 
 def _content(c: Controller, name: str) -> dict[str, Any]:
-    """What both templates fill in."""
+    """Values for both templates."""
     kinds, box = np.zeros(len(c.input_set), dtype=np.int64) if c.kind is None else c.kind, c.grid.box
     return {
         "c": c, "name": name, "about": _about(c), "nx": box.size, "nu": c.input_set.shape[1], "m": len(c.input_set),

@@ -12,7 +12,7 @@ from typing import Any
 
 from simgap.io.atomic import atomic, write_text
 from simgap.io.pages import folder
-from simgap.io.traces import CAREFUL, NOMINAL, ROBUST
+from simgap.io.traces import BASELINE, GAP_AWARE, NOMINAL
 from simgap.notation import one_line, printable, superscript
 from simgap.specifications.picture import Look
 
@@ -22,7 +22,7 @@ YELLOW, BLUE, VERMILLION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
 GREY = "#8A8F98"
 MEASURED, BEFORE, AFTER, FLOOR = BLACK, VERMILLION, BLUE, GREY
 MEASURED_IN_A_VIEWER = "#A7AFBB"  # Rerun's is dark unless told otherwise; this is seen on white as well
-COLOURS = {ROBUST: BLUE, NOMINAL: VERMILLION, CAREFUL: GREEN}  # of the controllers
+COLOURS = {GAP_AWARE: BLUE, NOMINAL: VERMILLION, BASELINE: GREEN}  # of the controllers
 SURROUNDINGS = Look(target=(YELLOW, "#B8A800"), obstacle="#3A3F47", border="#3A3F47")
 WIDTH = 8.6  # inches: 12 pt text stays legible at half of a page's width
 
@@ -33,6 +33,7 @@ _POWER = re.compile(rf"\$\\mathdefault\{{(-?\d*(?:{re.escape(_TIMES)})?)(10)\^\{
 log = logging.getLogger(__name__)
 
 STYLE = "figures.mplstyle"
+_LEGEND = 0.95  # of a figure's width; letters are wider by up to a twentieth where dots are few
 
 
 @contextmanager
@@ -111,13 +112,16 @@ def drawn(make: Callable[[], Any], path: Path) -> str:
 
 
 def legend(figure: Any, named: Mapping[str, Any], ncols: int) -> None:
-    """A legend above the panels: handles by label, a tuple of them side by side."""
+    """A legend above the panels, no wider than they are: handles by label, a tuple of them side by side."""
     from matplotlib.legend_handler import HandlerTuple
 
-    figure.legend(
+    found = figure.legend(
         list(named.values()), list(named), loc="outside upper left", ncols=ncols, columnspacing=1.0,
         handler_map={tuple: HandlerTuple(None)},
     )  # fmt: skip
+    if ncols > 1 and found.get_window_extent().width > _LEGEND * figure.bbox.width:
+        found.remove()
+        legend(figure, named, ncols - 1)
 
 
 def close(figure: Any) -> None:

@@ -21,7 +21,7 @@ REMEDY = "Run the gap stage of this case again."
 
 @dataclass(frozen=True, eq=False)
 class SavedGap:
-    """What a `gap.json` holds.
+    """Content of a `gap.json`.
 
     Attributes:
         function: the bound.

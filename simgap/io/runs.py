@@ -1,4 +1,4 @@
-"""Which runs of the workflow are at work in a folder: their cases, process, machine and beginning.
+"""Runs of the workflow that are at work in a folder: their cases, process, machine and beginning.
 
 Each run keeps a file `.snakemake/simgap/runs/<machine>-<process>.json` under a lock of the operating system for as long
 as its process lives. Who finds the lock free on the same machine knows that the run is gone, and removes the file.
@@ -102,7 +102,7 @@ class WorkflowRun:
     alive: bool | None = True
 
     def __str__(self) -> str:
-        """What a person needs to find it."""
+        """The run in words by which a person finds it."""
         lives = {True: "alive", False: "gone", None: "of another machine: look there whether it lives"}[self.alive]
         return (
             f"`{self.command}` of {', '.join(self.cases) or 'no case'}, process {self.process} on {self.machine}, "
@@ -210,8 +210,8 @@ def _one(results: Path, path: Path) -> JobTime:
         raise UserError(
             f"not a benchmark file of Snakemake ({excerpt(error)})", file=path, remedy="Delete it and run again."
         ) from None
-    told = cpu_seconds_in_log(path.parents[1] / "logs" / f"{path.stem}.log")
-    cpu = cpu if told is None else told
+    logged = cpu_seconds_in_log(path.parents[1] / "logs" / f"{path.stem}.log")
+    cpu = cpu if logged is None else logged
     case = path.parents[1].relative_to(results)
     return JobTime(str(case) if case.parts else reading.real(results).name, path.stem, wall, cpu, memory * 2**20, ended)
 

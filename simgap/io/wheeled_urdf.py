@@ -92,8 +92,8 @@ def axle(joint: ElementTree.Element) -> tuple[Floats, Floats]:
 
 def numbers(element: ElementTree.Element | None, key: str, default: str) -> Floats:
     """An attribute of several numbers, or what stands for it."""
-    said = default if element is None else element.get(key, default)
-    return np.array([float(v) for v in said.split()])
+    text = default if element is None else element.get(key, default)
+    return np.array([float(v) for v in text.split()])
 
 
 def _link(joint: ElementTree.Element, end: str) -> str:
@@ -102,7 +102,7 @@ def _link(joint: ElementTree.Element, end: str) -> str:
 
 
 def _radius(link: ElementTree.Element) -> float | None:
-    """Of a link's collision shape if it is a cylinder or a sphere."""
+    """Radius of a link's collision shape if it is a cylinder or a sphere."""
     for kind in ("cylinder", "sphere"):
         shape = link.find(f"collision/geometry/{kind}")
         if shape is not None:

@@ -1,1 +1,1 @@
-"""What `simgap check` says of a case before anything long runs, one family a file."""
+"""Checks of `simgap check`, before anything long runs; one family a file."""

@@ -1,4 +1,4 @@
-"""What a case asks of its controller, refused here where synthesis would refuse it after the roll-outs."""
+"""Checks of the controller that a case wants, refused here where synthesis would refuse it after the roll-outs."""
 
 from __future__ import annotations
 
@@ -60,8 +60,8 @@ def refuse_free_path(context: Context) -> None:
     if case.synthesis is None or not context.plant.carried.derived:
         return
     symbolic, specification, space = case.plant.symbolic, specification_of(case), Space.of(case)
-    asked = case.gap is not None or case.synthesis.nominal_between_samples
-    if not (specification.between_samples and asked) or (symbolic is not None and symbolic.wheels is not None):
+    between = case.gap is not None or case.synthesis.nominal_between_samples
+    if not (specification.between_samples and between) or (symbolic is not None and symbolic.wheels is not None):
         return
     if specification.swept_boxes and specification.on_floor(space) and not specification.on_true_cells:
         return  # boxes of a path's whole way take the place of a distance

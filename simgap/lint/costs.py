@@ -1,4 +1,4 @@
-"""What the stages of a case will cost: counts are exact, bytes and seconds are estimates from measured rates.
+"""Costs of the stages of a case: counts are exact, bytes and seconds are estimates from measured rates.
 
 Bytes are of the arrays that a stage cannot do without; seconds are CPU seconds on one core. Of runs of a minute the sum
 is right to a factor of 1.5 (docs/evidence/public_models.md has them side by side), of a stage alone to two or three.
@@ -73,8 +73,8 @@ def costs(
         eps: radius of the balls that cover X where it is not the case's own.
         build: measured time in which the nominal model is built, s; most stages build it.
     """
-    rollout, begun = rollout or ROLLOUT, START + build
-    found = [*_samples(context, rollout, eps, begun), *_control(context, rollout, begun)]
+    rollout, startup = rollout or ROLLOUT, START + build
+    found = [*_samples(context, rollout, eps, startup), *_control(context, rollout, startup)]
     return [*found, _beside(context, len(found))] if found else []
 
 
@@ -108,7 +108,7 @@ def affordable(context: Context, found: list[StageCost]) -> None:
             )
 
 
-def _samples(context: Context, rollout: float, eps: float | None, begun: float) -> Iterator[StageCost]:
+def _samples(context: Context, rollout: float, eps: float | None, startup: float) -> Iterator[StageCost]:
     case, nx = context.case, len(context.states)
     if case.simulator is None:
         return
@@ -138,14 +138,14 @@ def _samples(context: Context, rollout: float, eps: float | None, begun: float) 
         checked = thinned_count([CHECK_LEVELS] * nx, free, checked_at_most(states.size))
         shifted = case.symmetry.histories * (1 + case.symmetry.headings) if case.symmetry is not None and free else 0
         beside = (fitted + checked + shifted) * _inputs(case)
-        yield StageCost("borders", beside, "samples on borders of X", begun + beside * rollout, 2 * BYTES, key)
+        yield StageCost("borders", beside, "samples on borders of X", startup + beside * rollout, 2 * BYTES, key)
     for stage, rate in (("scp", FIT), ("lipschitz", SLOPES), ("gap", BOUND)):
         if case.gap is not None or case.hidden_state is not None:
             attacks = 0 if case.hidden_state is None or stage != "gap" else 2 * case.hidden_state.search
             more = attacks * (1 + case.hidden_state.search_length) * rollout if case.hidden_state and attacks else 0.0
             terms = _terms(context) if stage == "scp" else 0
             program = max(PROGRAM * terms**2, LARGE_PROGRAM * terms**3)
-            seconds = begun + nx * (count * rate + program) + more
+            seconds = startup + nx * (count * rate + program) + more
             cheaper = "gap.basis" if nx * program > 0.5 * seconds else key
             words = f"{of}, {terms} terms" if cheaper == "gap.basis" else of
             yield StageCost(stage, count, words, seconds, held, cheaper)
@@ -156,7 +156,7 @@ def _grid(context: Context, eps: float | None) -> Grid:
     return covering_grid(case, context.box, own_point(case) if eps is None else covering_point(eps))
 
 
-def _control(context: Context, rollout: float, begun: float) -> Iterator[StageCost]:
+def _control(context: Context, rollout: float, startup: float) -> Iterator[StageCost]:
     case = context.case
     if case.synthesis is None:
         return
@@ -170,7 +170,7 @@ def _control(context: Context, rollout: float, begun: float) -> Iterator[StageCo
     rate = ROW_PAIR if wheeled and not (case.sensing is not None and case.sensing.latency) else PAIR
     controllers = 2 if case.simulator is not None and (case.gap is not None or case.hidden_state is not None) else 1
     nodes = rows + (controllers - 1) * (1 if case.hidden_state is not None else rows)  # one knows no earlier input
-    seconds = controllers * begun + rate * cells * inputs * nodes
+    seconds = controllers * startup + rate * cells * inputs * nodes
     of = "pairs of cell and input" + " for each of two controllers" * (controllers > 1)
     yield StageCost(
         "synthesis", cells * inputs * rows, of, seconds, BYTES + a_cell * cells, "synthesis.cells",
@@ -181,21 +181,21 @@ def _control(context: Context, rollout: float, begun: float) -> Iterator[StageCo
             not _holds(case),
         )
         yield StageCost(
-            "validation", steps, "closed-loop steps" + " at most" * ends, begun + steps * (rollout + LOOP), 2 * BYTES,
+            "validation", steps, "closed-loop steps" + " at most" * ends, startup + steps * (rollout + LOOP), 2 * BYTES,
             "validation.starts", ends,
         )  # fmt: skip
     if case.simulator is not None:
         evaluations, attacked = (case.audit or AuditSection()).budget(case.hidden_state is not None)
-        asked = evaluations + attacked * (1 if case.hidden_state is not None else 1 + inputs // 4)
-        seconds = 3 * begun + asked * rollout + PAIR * cells + attacked * inputs * PAIR
+        calls = evaluations + attacked * (1 if case.hidden_state is not None else 1 + inputs // 4)
+        seconds = 3 * startup + calls * rollout + PAIR * cells + attacked * inputs * PAIR
         held = 2 * BYTES + (12.0 + packed) * cells
         if not wheeled:
             seconds, held = seconds + MARGIN * cells * inputs, held + MARGIN_BYTES * (1 + len(context.states)) * cells
-        of_cells = held > 4 * BYTES or seconds > 2 * asked * rollout  # most of it is not for the steps
+        of_cells = held > 4 * BYTES or seconds > 2 * calls * rollout  # most of it is not for the steps
         of, key = "steps of the adversary", "audit.evaluations"
         if of_cells:
             of, key = f"{of} on {cells:,} cells", "synthesis.cells"
-        yield StageCost("audit", asked, of, seconds, held, key)
+        yield StageCost("audit", calls, of, seconds, held, key)
 
 
 def _terms(context: Context) -> int:

@@ -1,4 +1,4 @@
-"""What `check` asks of the engine, loaded once in a process of its own: what it made of the file, how fast it steps."""
+"""Queries of `check` to the engine, in a process of its own: what it made of the file, how fast it steps."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def of_engine(
     x = context.box.sample(rng, 100)
     values = [case.domain.U[name].list() for name in context.inputs]
     u = np.stack([rng.choice(own, len(x)) for own in values], axis=1) if values else np.zeros((len(x), 0))
-    ((loaded, seconds, own, driven),) = run_in_processes(_asked, [(case, context.folder, x, u)], log=engine_log)
+    ((loaded, seconds, own, driven),) = run_in_processes(_query_engine, [(case, context.folder, x, u)], log=engine_log)
     if own is not None:
         return own, seconds
     traits = kind.file_traits if issubclass(kind, Engine) else None
@@ -47,7 +47,7 @@ def of_engine(
     return [*model_file_findings(case, traits, file, loaded), *driven_as_told(context, driven)], seconds
 
 
-def _asked(
+def _query_engine(
     case: Case, folder: Path, x: Any, u: Any
 ) -> tuple[Mapping[str, Link], float, list[Finding] | None, list[Drive]]:
     """As `ask_engine`, what the engine says of a file in its own format, and how a wheeled robot drives."""

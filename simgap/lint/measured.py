@@ -1,4 +1,4 @@
-"""What can be said of the `measured` section before a recording is read: names, units, files and their headers."""
+"""Checks of the `measured` section before a recording is read: names, units, files and their headers."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def check_measured(context: Context) -> None:
     with context.blame():
         model = context.plant.corrected if context.plant.declared.derived else context.plant.declared
         channels = channels_of(model, section, str(context.path))
-        told = condition_channels(model, section, str(context.path))
+        conditions = condition_channels(model, section, str(context.path))
         _ = reading_options(section)
         _refuse_effects(section)
         refuse_unknown(section, model)
@@ -39,7 +39,7 @@ def check_measured(context: Context) -> None:
         if section.files:
             paths = named_recordings(context.path, section.files)
             for path in paths:
-                _refuse_columns(context, section, (*channels, *told), path)
+                _refuse_columns(context, section, (*channels, *conditions), path)
             _refuse_other_files(section, [reading.relative(path, context.folder) for path in paths])
 
 

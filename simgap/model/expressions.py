@@ -59,31 +59,31 @@ def parse(text: str | float, names: Iterable[str]) -> sp.Expr:
             above the limits of this module, and where a part is not a finite real number, such as 1/0 or sqrt(-1).
     """
     text = str(text)
-    told = f"'{excerpt(text, 60)}'"
+    quoted = f"'{excerpt(text, 60)}'"
     if len(text) > LONGEST:
-        raise UserError(f"{told} has {len(text)} characters", remedy=f"At most {LONGEST} are allowed.")
+        raise UserError(f"{quoted} has {len(text)} characters", remedy=f"At most {LONGEST} are allowed.")
     try:
         tree = ast.parse(text.replace("^", "**").strip(), mode="eval").body
     except (SyntaxError, ValueError, MemoryError, RecursionError):  # the last three: digits, null bytes, brackets
-        raise UserError(f"{told} is not an expression", remedy="Use + - * / ^, numbers and names.") from None
-    _check_size(tree, told)
-    return _whole(_Reader(frozenset(names), told).convert(tree), told)
+        raise UserError(f"{quoted} is not an expression", remedy="Use + - * / ^, numbers and names.") from None
+    _check_size(tree, quoted)
+    return _whole(_Reader(frozenset(names), quoted).convert(tree), quoted)
 
 
-def _check_size(tree: ast.expr, told: str) -> None:
+def _check_size(tree: ast.expr, quoted: str) -> None:
     """Refuse what is too large; the operands of a chain such as a + b - c stand side by side."""
     todo, parts, compared = [(tree, 0)], 0, 0
     while todo:
         node, depth = todo.pop()
         parts += 1
         if parts > MOST_PARTS:
-            raise UserError(f"{told} has too many parts", remedy=f"At most {MOST_PARTS} are allowed.")
+            raise UserError(f"{quoted} has too many parts", remedy=f"At most {MOST_PARTS} are allowed.")
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in SEVERAL:
             compared += len(node.args)
         if compared > MOST_COMPARED:
-            raise UserError(f"{told} compares too much", remedy=f"At most {MOST_COMPARED} arguments of min and max.")
+            raise UserError(f"{quoted} compares too much", remedy=f"At most {MOST_COMPARED} arguments of min and max.")
         if depth > DEEPEST:
-            raise UserError(f"{told} is nested too deeply", remedy=f"At most {DEEPEST} levels are allowed.")
+            raise UserError(f"{quoted} is nested too deeply", remedy=f"At most {DEEPEST} levels are allowed.")
         for child in ast.iter_child_nodes(node):
             if isinstance(child, ast.expr):
                 chained = isinstance(node, ast.BinOp) and child is node.left and isinstance(child, ast.BinOp)
@@ -93,7 +93,7 @@ def _check_size(tree: ast.expr, told: str) -> None:
 @dataclass(frozen=True)
 class _Reader:
     known: frozenset[str]
-    told: str
+    quoted: str
 
     def convert(self, node: ast.expr) -> sp.Expr:
         chain = []
@@ -167,7 +167,7 @@ class _Reader:
             raise self._refused("has a part that is not a finite real number", "Correct it.")
 
     def _refused(self, problem: str, remedy: str) -> UserError:
-        return UserError(f"{self.told} {problem}", remedy=remedy)
+        return UserError(f"{self.quoted} {problem}", remedy=remedy)
 
 
 def _is_finite_real(value: sp.Expr) -> bool:
@@ -180,11 +180,11 @@ def _is_finite_real(value: sp.Expr) -> bool:
     return number.imag == 0 and abs(number.real) <= LARGEST_NUMBER
 
 
-def _whole(value: sp.Expr, told: str) -> sp.Expr:
+def _whole(value: sp.Expr, quoted: str) -> sp.Expr:
     """The value; refused where constants that met made a part not a finite real number, as in sqrt(-1)*x."""
     numbers = all(abs(n) <= LARGEST_NUMBER for n in value.atoms(sp.Number)) if not no_number(value) else False
     if not numbers or (value.is_number and not _is_finite_real(value)):
-        raise UserError(f"{told} has a part that is not a finite real number", remedy="Correct it.")
+        raise UserError(f"{quoted} has a part that is not a finite real number", remedy="Correct it.")
     return value
 
 

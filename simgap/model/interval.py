@@ -3,6 +3,9 @@
 A correctly rounded operation is off by at most half a unit in the last place; widening each end by `_ULPS` relative
 (four times that) covers it and the rounding of the widening itself. Library functions are off by a few units in the
 last place; `_LIBM` covers them.
+
+An end is never NaN, which a comparison would drop: an end that no number bounds is infinite. An infinite end stands for
+real numbers without a bound, so 0 times it is 0.
 """
 
 from __future__ import annotations
@@ -23,12 +26,23 @@ Interval = tuple[float, float]
 @njit(inline="always")
 def widen(lo: float, hi: float) -> Interval:
     """The pair moved outward by the rounding of one operation."""
-    return lo - (abs(lo) * _ULPS + _TINY), hi + (abs(hi) * _ULPS + _TINY)
+    return _moved(lo, hi, _ULPS)
+
+
+@njit(inline="always")
+def _moved(lo: float, hi: float, relative: float) -> Interval:
+    low, high = lo - (abs(lo) * relative + _TINY), hi + (abs(hi) * relative + _TINY)
+    return (low if low < np.inf else -np.inf), (high if high > -np.inf else np.inf)
 
 
 @njit(inline="always")
 def _widen_libm(lo: float, hi: float) -> Interval:
-    return lo - (abs(lo) * _LIBM + _TINY), hi + (abs(hi) * _LIBM + _TINY)
+    return _moved(lo, hi, _LIBM)
+
+
+@njit
+def _times(a: float, b: float) -> float:
+    return 0.0 if a == 0.0 or b == 0.0 else a * b
 
 
 @njit
@@ -41,6 +55,8 @@ def iadd(a: Interval, b: Interval) -> Interval:
 def imul(a: Interval, b: Interval) -> Interval:
     """a b."""
     p, q, r, s = a[0] * b[0], a[0] * b[1], a[1] * b[0], a[1] * b[1]
+    if np.isnan(p + q + r + s):
+        p, q, r, s = _times(a[0], b[0]), _times(a[0], b[1]), _times(a[1], b[0]), _times(a[1], b[1])
     return widen(min(min(p, q), min(r, s)), max(max(p, q), max(r, s)))
 
 
@@ -63,8 +79,7 @@ def ipow(a: Interval, n: int) -> Interval:
         lo, hi = lo * a[0], hi * a[1]
     if n % 2 == 1 and a[0] < 0.0 and n > 1:
         lo, hi = -((-a[0]) ** n), (a[1] ** n if a[1] >= 0.0 else -((-a[1]) ** n))
-    slack = (n + 1) * _LIBM
-    return lo - (abs(lo) * slack + _TINY), hi + (abs(hi) * slack + _TINY)
+    return _moved(lo, hi, (n + 1) * _LIBM)
 
 
 @njit

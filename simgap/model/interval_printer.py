@@ -37,6 +37,7 @@ class IntervalPrinter(PythonCodePrinter):
         return f"({math.nextafter(value, -math.inf)!r}, {math.nextafter(value, math.inf)!r})"
 
     _print_Integer = _print_Float = _print_Rational = _print_Half = _print_Pi = _print_NumberSymbol = _number
+    _print_Exp1 = _number
     _print_Zero = _print_One = _print_NegativeOne = _number
 
     def _nested(self, name: str, args: Sequence[sp.Expr]) -> str:
@@ -56,6 +57,10 @@ class IntervalPrinter(PythonCodePrinter):
 
     def _print_Piecewise(self, expr: sp.Piecewise) -> str:
         return self._nested("ihull", [branch for branch, _ in expr.args])
+
+    def _print_Derivative(self, expr: sp.Derivative) -> str:
+        """Of what SymPy cannot differentiate, such as the sign of a quotient: any slope at all."""
+        return "iinv((-1.0, 1.0))"
 
     def _print_Pow(self, expr: sp.Pow, rational: bool = False) -> str:
         base, exponent = str(self._print(expr.base)), expr.exp

@@ -33,9 +33,9 @@ def simplified(matrix: sp.Matrix, how: Callable[[sp.Matrix], sp.Matrix], name: s
         matrix: in symbols as `model.symbolic.symbol` makes them; how: a function of nothing else.
         name: of the function and its version.
     """
-    asked = f"{_RULE} {sp.__version__} {name} {sp.srepr(matrix)}"
+    question = f"{_RULE} {sp.__version__} {name} {sp.srepr(matrix)}"
     home = cache_folder()
-    path = home / "expressions" / f"{hashlib.sha256(asked.encode()).hexdigest()[:32]}.json" if home else None
+    path = home / "expressions" / f"{hashlib.sha256(question.encode()).hexdigest()[:32]}.json" if home else None
     known = _read(path) if path else None
     if known is not None:
         return known

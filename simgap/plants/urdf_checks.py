@@ -109,11 +109,11 @@ def loading(engine: str, path: Path) -> Iterator[None]:
     except SimgapError:
         raise
     except Exception as error:
-        said = excerpt(str(error) or type(error).__name__, 300)
+        message = excerpt(str(error) or type(error).__name__, 300)
         absent = [n for n in _meshes(path) if "://" not in n and not reading.is_file(path.parent / n)]
-        lacks = f"; there is no {excerpt(absent[0], 80)}" if absent and absent[0] not in said else ""
+        lacks = f"; there is no {excerpt(absent[0], 80)}" if absent and absent[0] not in message else ""
         raise UserError(
-            f"{engine} does not take it: {said.rstrip('.')}{lacks}", file=path, remedy="Correct it."
+            f"{engine} does not take it: {message.rstrip('.')}{lacks}", file=path, remedy="Correct it."
         ) from None
 
 
@@ -134,22 +134,22 @@ def _check_tree(path: Path, joints: Mapping[str, ElementTree.Element]) -> None:
     for name, joint in joints.items():
         child = joint.find("child").get("link", "")  # type: ignore[union-attr]
         if child in carried:
-            told = f"joints '{excerpt(carried[child], 40)}' and '{excerpt(name, 40)}' both carry it: a closed chain"
-            _refuse(path, joint, f"<child> link '{excerpt(child, 40)}'", told, "Open the chain at one of them.")
+            why = f"joints '{excerpt(carried[child], 40)}' and '{excerpt(name, 40)}' both carry it: a closed chain"
+            _refuse(path, joint, f"<child> link '{excerpt(child, 40)}'", why, "Open the chain at one of them.")
         carried[child] = name
         above[child] = joint.find("parent").get("link", "")  # type: ignore[union-attr]
     for child in above:
-        link, seen = child, {child}
-        while (link := above.get(link, "")) in above and link not in seen:
-            seen.add(link)
+        link, ring_links = child, {child}
+        while (link := above.get(link, "")) in above and link not in ring_links:
+            ring_links.add(link)
         if link == child:
-            ring = ", ".join(f"'{excerpt(n, 40)}'" for n in sorted(seen)[:4])
-            told = f"its chain leads back to it: {ring} hang on each other and not on a root"
+            ring = ", ".join(f"'{excerpt(n, 40)}'" for n in sorted(ring_links)[:4])
+            why = f"its chain leads back to it: {ring} hang on each other and not on a root"
             _refuse(
                 path,
                 joints[carried[child]],
                 f"<child> link '{excerpt(child, 40)}'",
-                told,
+                why,
                 "Attach one of them to the root.",
             )
 
@@ -170,9 +170,9 @@ def _root(path: Path) -> ElementTree.Element:
     for element in robot.iter():
         filled = next((v for v in element.attrib.values() if "${" in v or "$(" in v), None)
         if element.tag.startswith("xacro:") or filled is not None:
-            told = f"<{excerpt(element.tag, 40)}>" if filled is None else f"'{excerpt(filled, 60)}'"
+            why = f"<{excerpt(element.tag, 40)}>" if filled is None else f"'{excerpt(filled, 60)}'"
             raise UserError(
-                f"a xacro template, not a URDF: it holds {told}", file=path,
+                f"a xacro template, not a URDF: it holds {why}", file=path,
                 remedy="Run xacro first: xacro FILE > robot.urdf.",
             )  # fmt: skip
     return robot
@@ -230,8 +230,8 @@ def _check_numbers(path: Path, part: ElementTree.Element, element: ElementTree.E
         if element.tag == "axis" and not any(values):
             _refuse(path, part, what, f"'{text}' has no direction", "Correct it.")
         if element.tag == "axis" and abs(math.hypot(*values) - 1.0) > _UNIT:
-            told = f"'{text}' has length {math.hypot(*values):.6g}; PyBullet takes the length into the dynamics"
-            _refuse(path, part, what, told, "Scale it to length 1.")
+            why = f"'{text}' has length {math.hypot(*values):.6g}; PyBullet takes the length into the dynamics"
+            _refuse(path, part, what, why, "Scale it to length 1.")
 
 
 def _check_place(path: Path, part: ElementTree.Element, element: ElementTree.Element) -> None:
@@ -242,8 +242,11 @@ def _check_place(path: Path, part: ElementTree.Element, element: ElementTree.Ele
     """
     name = element.get("filename")
     if name is not None and not inside_folders(path, name):
-        what, told = f"<{excerpt(element.tag, 40)}> filename", f"'{excerpt(name, 60)}' lies outside the model's folders"
-        _refuse(path, part, what, told, f"Put it beside the model, or trust it: set {TRUST}=1.")
+        what, why = (
+            f"<{excerpt(element.tag, 40)}> filename",
+            f"'{excerpt(name, 60)}' lies outside the model's folders",
+        )
+        _refuse(path, part, what, why, f"Put it beside the model, or trust it: set {TRUST}=1.")
 
 
 def inside_folders(path: Path, name: str) -> bool:
@@ -281,8 +284,8 @@ def _check_inertia(path: Path, link: ElementTree.Element) -> None:
             _refuse(path, link, f"<inertia> {name}", f"'{value:g}' is negative", "No body has such an inertia.")
     moments = np.linalg.eigvalsh(np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]]))
     if moments[0] < -slack(moments):
-        told = f"its smallest principal moment is {moments[0]:.3g}"
-        _refuse(path, link, "<inertia>", told, "No body has such an inertia.")
+        why = f"its smallest principal moment is {moments[0]:.3g}"
+        _refuse(path, link, "<inertia>", why, "No body has such an inertia.")
 
 
 def slack(moments: Floats) -> float:

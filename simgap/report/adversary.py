@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from simgap.io.traces import ROBUST, SIMULATOR
+from simgap.io.traces import GAP_AWARE, SIMULATOR
 from simgap.notation import pretty_unit
 from simgap.report.material import Material
 
@@ -43,7 +43,7 @@ def section(m: Material) -> dict[str, Any] | None:
     if m.audit is None:
         return None
     loops, gap = m.audit["closed_loop"], m.audit["gap"]
-    fresh, random = m.gap.get("fresh", {}), m.validation["controllers"][ROBUST][SIMULATOR]
+    fresh, random = m.gap.get("fresh", {}), m.validation["controllers"][GAP_AWARE][SIMULATOR]
     rows = [
         _row("gamma, single steps", "random", None, fresh.get("samples", 0), fresh.get("violations", 0)),
         _row("gamma, single steps", "adversary", None, m.audit["evaluations"], gap["violations"]),

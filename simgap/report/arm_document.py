@@ -17,10 +17,11 @@ from simgap.diagnosis.verdict.words import explained
 from simgap.effects import effect
 from simgap.effects.quoted import Quoted
 from simgap.io import figure_style as style
-from simgap.io.pages import render
+from simgap.io.pages import render, script_data
 from simgap.model.tree import Tree
 from simgap.notation import joined
 from simgap.report.diagnosis_document import effect_entry, explained_error
+from simgap.report.explorer import explored_predictions
 from simgap.report.figures.arm import torque_error_figure, torque_figure
 
 Document = Mapping[str, Any]
@@ -98,16 +99,18 @@ def draw(found: ArmDiagnosis, inputs: Sequence[str], units: Mapping[str, str], f
             style.drawn(partial(torque_figure, p, inputs, units), folder / f"torques-{k + 1}.svg")
             for k, p in enumerate(longest)
         ]
-    return {"error": error, "overlays": overlays}
+    explored = explored_predictions(longest[:1], inputs, units) if longest else {}
+    return {"error": error, "overlays": overlays, "explored": explored}
 
 
 def page(document: Mapping[str, Any], title: str, figures: Mapping[str, Any]) -> str:
     """The page as one HTML text."""
     from markupsafe import Markup
 
-    marked = {k: [Markup(f) for f in v] if isinstance(v, list) else Markup(v) for k, v in figures.items()}
+    marked = {"error": Markup(figures["error"]), "overlays": [Markup(f) for f in figures["overlays"]]}
     return render(
         TEMPLATE, d=document, title=title, figures=marked, meaning=MEANING[document["verdict"]], terms=list(COLUMNS),
+        explorer=script_data(figures["explored"]),
         folds={name: joined(fold["traces"]) for name, fold in document["folds"].items()},
         rows=[_joint_row(document, row) for row in document["joints"]],
     )  # fmt: skip

@@ -13,7 +13,7 @@ import numpy as np
 from simgap.io import figure_style as style
 from simgap.io.parquet import stack
 from simgap.io.rerun.recording import PlanarScene
-from simgap.io.traces import MODEL, NOMINAL, ROBUST, SIMULATOR, shown
+from simgap.io.traces import GAP_AWARE, MODEL, NOMINAL, SIMULATOR, shown
 from simgap.plants.context import Context
 from simgap.report.figures import arena as figures_arena
 from simgap.report.figures import domains as figures_domains
@@ -123,16 +123,16 @@ def _sweep(m: Material) -> Any:
 def _loop(m: Material) -> dict[str, Any]:
     """Winning domains, trajectories, the gap along the run, and the times to the target where there is one."""
     context, where = m.context, scene(m.context)
-    chosen = {kind: shown(m.traces, kind) for kind in (NOMINAL, ROBUST)}
+    chosen = {kind: shown(m.traces, kind) for kind in (NOMINAL, GAP_AWARE)}
     until = figures_traces.first_seconds(chosen)
     steps = {k: t[SIMULATOR].get("steps_to_target", ()) for k, t in m.validation["controllers"].items()}
-    out = {"gap": figures_traces.gap_figure(chosen[ROBUST], context.states, context.units, until)}
+    out = {"gap": figures_traces.gap_figure(chosen[GAP_AWARE], context.states, context.units, until)}
     if len(context.states) == 2:
         out["domains"] = figures_domains.domains_figure(
             m.controllers, m.traces, context.units, surroundings(context), specification_of(context.case).words.violated
         )
     elif len(context.states) == 3:
-        out["domains"] = figures_domains.slices_figure(m.controllers[ROBUST], context.units)
+        out["domains"] = figures_domains.slices_figure(m.controllers[GAP_AWARE], context.units)
     if isinstance(where, PlanarScene):
         draw_floor = surroundings(context, where.axes[:2])
         out["trajectories"] = figures_arena.arena_figure(where, m.traces, context.units, context.states, draw_floor)
@@ -149,7 +149,7 @@ def _loop(m: Material) -> dict[str, Any]:
 
 def _margins(m: Material) -> Any:
     """Maps of the one-step margins over two or three states; None where they are not known."""
-    grid, states = m.controllers[ROBUST].grid, m.context.states
+    grid, states = m.controllers[GAP_AWARE].grid, m.context.states
     if m.margins is None or m.margins.num_rows != grid.size or not 2 <= len(states) <= 3:
         return None
     factor = m.margins["factor"].to_numpy().astype(np.float64)
@@ -167,7 +167,7 @@ def surroundings(context: Context, axes: tuple[int, int] = (0, 1)) -> Callable[[
 
 def model_note(m: Material) -> str:
     """Why the gap-aware controller may fail on the nominal model, where it does."""
-    tally = m.validation["controllers"][ROBUST].get(MODEL)
+    tally = m.validation["controllers"][GAP_AWARE].get(MODEL)
     if not tally or not tally["runs_that_violated_it"]:
         return ""
     bad, runs = tally["runs_that_violated_it"], tally["runs"]

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from simgap.gap.bounds.function import PROVEN
-from simgap.io.traces import ROBUST
+from simgap.io.traces import GAP_AWARE
 from simgap.notation import pretty_unit
 from simgap.report import adversary, tables
 from simgap.report.headline import common_free, verdict
@@ -30,7 +30,7 @@ ENGINES = {
 }
 INERTIAS = {"engine": "inertia computed by the engine, not the file's", "file": "inertia of the file"}
 
-SAID = ("plain", "little", "robust", "nominal", "careful", "arrival", "winning")
+SAID = ("plain", "little", "gap_aware", "nominal", "baseline", "arrival", "winning")
 """Sentences of the headline, in order."""
 
 
@@ -79,7 +79,7 @@ def unproven(gap: Mapping[str, Any]) -> str:
 
 def between_samples(m: Material) -> dict[str, float]:
     """How far each state may stray between two samples with the gap-aware controller; empty if nothing says so."""
-    said = m.syntheses[ROBUST].get("between_samples") or {}
+    said = m.syntheses[GAP_AWARE].get("between_samples") or {}
     return {state: bound for state, bound in said.items() if bound}
 
 

@@ -11,8 +11,9 @@ from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY
 from simgap.diagnosis.verdict.missing import Missing
 from simgap.io import figure_style as style
-from simgap.io.pages import render
+from simgap.io.pages import render, script_data
 from simgap.notation import joined
+from simgap.report.explorer import explored_predictions
 from simgap.report.figures.diagnosis import error_figure, missing_figure, overlay_figure, steps_figure
 
 TEMPLATE = "diagnosis.html.j2"
@@ -72,8 +73,14 @@ def draw(
     missing: Sequence[Missing],
     folder: Path,
 ) -> dict[str, Any]:
-    """All figures: SVG files in `folder`, and their text for the page; `names` of measured states and of inputs."""
-    texts: dict[str, Any] = {"overlays": [], "missing": [], "error": "", "steps": ""}
+    """All figures: SVG files in `folder`, their text for the page, and the curves that are `explored` there.
+
+    `names`: of measured states and of inputs.
+    """
+    held = [w for w in windows if w.held_out] or list(windows)
+    own = sorted((w for w in windows if w.trace == held[0].trace), key=lambda w: float(w.t[0]))
+    explored = explored_predictions(own, names[0], document["units"])
+    texts: dict[str, Any] = {"overlays": [], "missing": [], "error": "", "steps": "", "explored": explored}
     with style.figure_style():
         if document["error"]["before"]["horizon_rmse"]:
             figure = partial(error_figure, document["error"], document["units"])
@@ -93,7 +100,8 @@ def page(document: Mapping[str, Any], title: str, figures: Mapping[str, Any]) ->
     """The page as one HTML text."""
     from markupsafe import Markup
 
-    marked = {k: [(n, Markup(f)) for n, f in v] if isinstance(v, list) else Markup(v) for k, v in figures.items()}
+    texts = {k: v for k, v in figures.items() if k != "explored"}
+    marked = {k: [(n, Markup(f)) for n, f in v] if isinstance(v, list) else Markup(v) for k, v in texts.items()}
     return render(
         TEMPLATE,
         d=document,
@@ -103,6 +111,7 @@ def page(document: Mapping[str, Any], title: str, figures: Mapping[str, Any]) ->
         folds={name: _fold(fold) for name, fold in document["folds"].items()},
         quality=_quality(document["fit_quality"]),
         steps_note=STEPS,
+        explorer=script_data(figures["explored"]),
         rejected={(c["name"], c["on"]): c["rejected"] for c in document["candidates"]},
     )
 

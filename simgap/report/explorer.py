@@ -1,4 +1,4 @@
-"""Runs to be explored on the page: zoom, values under the pointer, states and gap on one time axis.
+"""Curves to be explored on a page: zoom, values under the pointer, all rows on one time axis.
 
 Plotly draws them (`reports/plotly-basic.min.js`, MIT licence, inside the page). Where scripts are off and in print the
 still pictures say the same.
@@ -6,14 +6,15 @@ still pictures say the same.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 
 from simgap.arrays import Floats
 from simgap.io import figure_style as style
-from simgap.io.traces import NOMINAL, ROBUST, TITLES, shown
+from simgap.io.traces import GAP_AWARE, NOMINAL, TITLES, shown
 from simgap.notation import axis_label
 from simgap.report.figures.gap import scaled
 from simgap.report.figures.traces import first_seconds
@@ -22,37 +23,107 @@ from simgap.report.scene import limits
 
 HEIGHT = 190
 """Of a row, pixels."""
+MOST_SAMPLES = 4000
+"""Of a trace that are drawn: a page stays below two megabytes with the script in it."""
 
 
-def runs_figure(m: Material) -> dict[str, Any]:
-    """Plotly's data and layout: a row for each state, with both controllers, and a row for its gap in its bound."""
-    states, units, safe = m.context.states, m.context.units, limits(m.context)
-    runs = [shown(m.traces, kind) for kind in (NOMINAL, ROBUST)]
-    data: list[dict[str, Any]] = []
-    shapes: list[dict[str, Any]] = []
-    titles: list[str] = []
-    for j, name in enumerate(states):
-        state, own = axis_label(name, units), np.isfinite(runs[1].d[:, j])
-        factor, unit = scaled(float(np.abs(runs[1].d[own, j]).max(initial=0.0)), units[name])
-        gap = f"gap of {name} ({unit})"
-        for trace in runs:
-            data.append(_line(2 * j, state, TITLES[trace.controller], trace.t, trace.x[:, j]))
-            data[-1]["line"]["color"] = style.COLOURS[trace.controller]
-        for title, values in (("lower bound", runs[1].lo), ("upper bound", runs[1].hi), ("gap", runs[1].d)):
-            data.append(_line(2 * j + 1, gap, title, runs[1].t[own], factor * values[own, j]))
-            data[-1]["line"]["color"] = style.BLACK if title == "gap" else style.SKY
-        data[-2]["fill"] = "tonexty"
-        shapes += [_limit(2 * j, float(side)) for side in (safe.lo[j], safe.hi[j]) if np.isfinite(side)]
-        titles += [state, gap]
-    return {"data": data, "layout": _layout(titles, shapes, first_seconds({trace.controller: trace for trace in runs}))}
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """A named line of a row: t, values (n,), NaN where it breaks; `fills` down to the line before it."""
+
+    name: str
+    t: Floats
+    values: Floats
+    colour: str
+    dash: str = "solid"
+    fills: bool = False
 
 
-def _line(row: int, quantity: str, name: str, t: Floats, values: Floats) -> dict[str, Any]:
-    """A line in a row; its name stands in the legend once, and a click on it there hides it in all rows."""
+@dataclass(frozen=True, eq=False)
+class Row:
+    """Curves of one quantity, and limits that are drawn across."""
+
+    title: str
+    curves: Sequence[Curve]
+    limits: Sequence[float] = ()
+
+
+class Predicted(Protocol):
+    """Measured and predicted values (n, k) at t (n,) s of a trace, of the model as declared and as corrected."""
+
+    @property
+    def trace(self) -> str: ...  # noqa: D102
+    @property
+    def t(self) -> Floats: ...  # noqa: D102
+    @property
+    def measured(self) -> Floats: ...  # noqa: D102
+    @property
+    def before(self) -> Floats: ...  # noqa: D102
+    @property
+    def after(self) -> Floats: ...  # noqa: D102
+
+
+def explored_runs(m: Material) -> dict[str, Any]:
+    """A row for each state, with both controllers, and a row for its gap in its bound."""
+    runs = [shown(m.traces, kind) for kind in (NOMINAL, GAP_AWARE)]
+    until = first_seconds({trace.controller: trace for trace in runs})
+    return _figure(list(_rows_of_runs(m, runs)), until)
+
+
+def _rows_of_runs(m: Material, runs: Sequence[Any]) -> Iterator[Row]:
+    units, safe = m.context.units, limits(m.context)
+    for j, name in enumerate(m.context.states):
+        curves = [Curve(TITLES[r.controller], r.t, r.x[:, j], style.COLOURS[r.controller]) for r in runs]
+        sides = [float(side) for side in (safe.lo[j], safe.hi[j]) if np.isfinite(side)]
+        yield Row(axis_label(name, units), curves, sides)
+        aware, own = runs[1], np.isfinite(runs[1].d[:, j])
+        factor, unit = scaled(float(np.abs(aware.d[own, j]).max(initial=0.0)), units[name])
+        low, high, gap = (factor * values[own, j] for values in (aware.lo, aware.hi, aware.d))
+        bound = [
+            Curve("lower bound", aware.t[own], low, style.SKY),
+            Curve("upper bound", aware.t[own], high, style.SKY, fills=True),
+        ]
+        yield Row(f"gap of {name} ({unit})", [*bound, Curve("gap", aware.t[own], gap, style.BLACK)])
+
+
+def explored_predictions(
+    windows: Sequence[Predicted], names: Sequence[str], units: Mapping[str, str]
+) -> dict[str, Any]:
+    """Measured and predicted values of one trace, a row for each name: windows in order, with a break between them."""
+    ends = np.cumsum([len(w.t) for w in windows])
+    kept = windows[: max(1, int(np.searchsorted(ends, MOST_SAMPLES)))]
+    t = np.concatenate([np.append(w.t, w.t[-1]) for w in kept])
+    looks = (("measured", style.MEASURED, "solid"), ("before", style.BEFORE, "dash"), ("after", style.AFTER, "solid"))
+    lines = {
+        word: np.concatenate([np.pad(getattr(w, word), ((0, 1), (0, 0)), constant_values=np.nan) for w in kept])
+        for word, *_ in looks
+    }
+    rows = [
+        Row(axis_label(name, units), [Curve(word, t, lines[word][:, k], colour, dash) for word, colour, dash in looks])
+        for k, name in enumerate(names)
+    ]
+    return _figure(rows, float(t[-1]), float(t[0]))
+
+
+def _figure(rows: Sequence[Row], until: float, since: float = 0.0) -> dict[str, Any]:
+    """Plotly's data and layout; a name stands in the legend once, and a click on it there hides it in all rows."""
+    named = dict.fromkeys(curve.name for row in rows for curve in row.curves)
+    data = []
+    for k, row in enumerate(rows):
+        for curve in row.curves:
+            data.append(_line(k, row.title, curve) | {"showlegend": curve.name in named})
+            named.pop(curve.name, None)
+    shapes = [_limit(k, side) for k, row in enumerate(rows) for side in row.limits]
+    return {"data": data, "layout": _layout([row.title for row in rows], shapes, [since, until])}
+
+
+def _line(row: int, quantity: str, curve: Curve) -> dict[str, Any]:
+    line = {"width": 1.5, "color": curve.colour, "dash": curve.dash}
     return {
-        "type": "scatter", "mode": "lines", "line": {"width": 1.5}, "x": _rounded(t), "y": _rounded(values),
-        "xaxis": "x", "yaxis": _axis(row), "name": name, "legendgroup": name, "showlegend": row < 2,
-        "hovertemplate": f"{quantity}, {name}: %{{y:.4g}}<extra></extra>",
+        "type": "scatter", "mode": "lines", "line": line, "x": _rounded(curve.t), "y": _rounded(curve.values),
+        "xaxis": "x", "yaxis": _axis(row), "name": curve.name, "legendgroup": curve.name,
+        "hovertemplate": f"{quantity}, {curve.name}: %{{y:.4g}}<extra></extra>",
+        **({"fill": "tonexty"} if curve.fills else {}),
     }  # fmt: skip
 
 
@@ -71,7 +142,7 @@ def _axis(k: int) -> str:
     return f"y{k + 1}" if k else "y"
 
 
-def _layout(titles: Sequence[str], shapes: Sequence[Any], until: float) -> dict[str, Any]:
+def _layout(titles: Sequence[str], shapes: Sequence[Any], span: Sequence[float]) -> dict[str, Any]:
     rows = [_axis(k) for k in range(len(titles))]
     axes = {
         row.replace("y", "yaxis"): {"title": {"text": title}, "zeroline": False}
@@ -79,7 +150,7 @@ def _layout(titles: Sequence[str], shapes: Sequence[Any], until: float) -> dict[
     }
     return axes | {
         "grid": {"rows": len(rows), "columns": 1, "xaxes": ["x"], "yaxes": rows, "ygap": 0.12},
-        "xaxis": {"title": {"text": "time (s)"}, "anchor": rows[-1], "range": [0.0, until]},
+        "xaxis": {"title": {"text": "time (s)"}, "anchor": rows[-1], "range": list(span)},
         "hovermode": "x unified",
         "hoversubplots": "axis",
         "height": HEIGHT * len(rows) + 80,

@@ -8,7 +8,7 @@ from typing import Any
 
 from simgap.config.validation import Trials
 from simgap.gap.fitting.acceptance import Outside, clopper_pearson_upper
-from simgap.io.traces import CAREFUL, EVERY_TITLE, NOMINAL, ROBUST, SIMULATOR
+from simgap.io.traces import BASELINE, EVERY_TITLE, GAP_AWARE, NOMINAL, SIMULATOR
 from simgap.report import adversary, tables
 from simgap.report.material import Material
 from simgap.specifications.base import specification_of
@@ -21,10 +21,10 @@ LITTLE = 2
 def verdict(m: Material) -> dict[str, Any]:
     """Whether the promise was kept, in plain words and figures; a technical sentence on each part of the evidence."""
     tallies = m.validation["controllers"]
-    robust, nominal = tallies[ROBUST][SIMULATOR], tallies[NOMINAL][SIMULATOR]
-    kept, runs = robust["runs_that_kept_the_specification"], robust["runs"]
+    gap_aware, nominal = tallies[GAP_AWARE][SIMULATOR], tallies[NOMINAL][SIMULATOR]
+    kept, runs = gap_aware["runs_that_kept_the_specification"], gap_aware["runs"]
     attacked = m.audit["violations"] if m.audit is not None else 0
-    good = kept == runs and robust["steps_outside_gamma"] == 0 and not attacked
+    good = kept == runs and gap_aware["steps_outside_gamma"] == 0 and not attacked
     words, section = specification_of(m.context.case).words, m.context.case.validation
     steps = section.steps if section is not None else math.inf
     little = little_won(tables.promised_steps(m))
@@ -35,14 +35,14 @@ def verdict(m: Material) -> dict[str, Any]:
         "plain": plain(m),
         "tiles": tiles(m),
         "little": little,
-        "robust": f"Gap-aware controller: {kept:,} of {runs:,} runs {words.kept}, "
-        f"{robust['steps_outside_gamma']:,} of {robust['steps']:,} steps outside gamma.",
+        "gap_aware": f"Gap-aware controller: {kept:,} of {runs:,} runs {words.kept}, "
+        f"{gap_aware['steps_outside_gamma']:,} of {gap_aware['steps']:,} steps outside gamma.",
         "sample": _sample(m),
         "nominal": f"Nominal-only controller: {_violations(nominal, steps)}.",
-        "careful": _careful(m),
+        "baseline": _baseline(m),
         "arrival": _arrival(m),
-        "winning": f"The gap-aware controller wins {_won(m, ROBUST)} of the {words.allowed} for every gap within its "
-        f"bound; the nominal-only controller wins {_won(m, NOMINAL)}, for the model alone.{_own_share(m)}",
+        "winning": f"The gap-aware controller wins {_won(m, GAP_AWARE)} of the {words.allowed} for every gap within "
+        f"its bound; the nominal-only controller wins {_won(m, NOMINAL)}, for the model alone.{_own_share(m)}",
         "adversary": adversary.sentence(m),
         "tolerated": m.gap.get("fresh", {}).get("violations", 0),
         "outside": str(Outside(**worst)) if (worst := m.gap.get("fresh", {}).get("outside")) else "",
@@ -52,12 +52,12 @@ def verdict(m: Material) -> dict[str, Any]:
 def plain(m: Material) -> str:
     """What happened, for a reader who does not know the terms: both controllers, and the adversary."""
     tallies, failed = m.validation["controllers"], specification_of(m.context.case).words.failed
-    robust, nominal = tallies[ROBUST][SIMULATOR], tallies[NOMINAL][SIMULATOR]
-    bad, runs = robust["runs_that_violated_it"], robust["runs"]
+    gap_aware, nominal = tallies[GAP_AWARE][SIMULATOR], tallies[NOMINAL][SIMULATOR]
+    bad, runs = gap_aware["runs_that_violated_it"], gap_aware["runs"]
     said = f"In {runs:,} simulated runs, the controller that knows the gap "
     said += f"never {failed}. " if not bad else f"failed {bad:,} times. "
-    if outside := robust["steps_outside_gamma"]:
-        said += f"But {outside:,} of {robust['steps']:,} steps lay outside the bound of the gap. "
+    if outside := gap_aware["steps_outside_gamma"]:
+        said += f"But {outside:,} of {gap_aware['steps']:,} steps lay outside the bound of the gap. "
     said += f"The controller that trusts the model {_trusting(nominal, failed, m.context.domain.tau)}."
     if m.audit is None:
         return said
@@ -82,13 +82,13 @@ def tiles(m: Material) -> list[tuple[str, str]]:
     tallies, words = m.validation["controllers"], specification_of(m.context.case).words
     found = [
         (f"{t['runs_that_kept_the_specification']:,} of {t['runs']:,}", f"runs {words.kept}, {name}")
-        for t, name in ((tallies[k][SIMULATOR], EVERY_TITLE[k]) for k in (ROBUST, CAREFUL, NOMINAL) if k in tallies)
+        for t, name in ((tallies[k][SIMULATOR], EVERY_TITLE[k]) for k in (GAP_AWARE, BASELINE, NOMINAL) if k in tallies)
     ]
     if m.audit is not None:
         found.append(
             (f"{m.audit['violations']:,}", f"violations in {adversary.attempts(m.audit):,} attempts of an adversary")
         )
-    share = m.syntheses[ROBUST]["winning_cells"] / max(1, common_free(m.syntheses))
+    share = m.syntheses[GAP_AWARE]["winning_cells"] / max(1, common_free(m.syntheses))
     return [*found, (f"{100.0 * share:.1f} %", f"of the {words.allowed}: states where the promise holds")]
 
 
@@ -119,7 +119,7 @@ def _won(m: Material, kind: str) -> str:
 
 def _own_share(m: Material) -> str:
     """What the gap-aware controller wins of the cells that stay free between samples, where these are fewer."""
-    found, every = m.syntheses[ROBUST], common_free(m.syntheses)
+    found, every = m.syntheses[GAP_AWARE], common_free(m.syntheses)
     if found["free_cells"] == every:
         return ""
     return (
@@ -145,7 +145,7 @@ def _violations(tally: Mapping[str, Any], steps: float) -> str:
 
 def _sample(m: Material) -> str:
     """What the number of runs alone says, whatever bound and controller rest on, and what more would."""
-    tally, section = m.validation["controllers"][ROBUST][SIMULATOR], m.context.case.validation
+    tally, section = m.validation["controllers"][GAP_AWARE][SIMULATOR], m.context.case.validation
     given = len(section.first) if section is not None else 0
     bad, drawn = tally["runs_that_violated_it"], tally["runs"] - given
     if drawn < 1:
@@ -162,7 +162,7 @@ def _at_most(n: int, bad: int) -> str:
 
 def _arrival(m: Material) -> str:
     """When the target is reached at the latest, promised and seen."""
-    steps, tau = m.validation["controllers"][ROBUST][SIMULATOR].get("steps_to_target"), m.context.domain.tau
+    steps, tau = m.validation["controllers"][GAP_AWARE][SIMULATOR].get("steps_to_target"), m.context.domain.tau
     promised = tables.promised_steps(m)
     if not steps or promised is None:
         return ""
@@ -172,9 +172,9 @@ def _arrival(m: Material) -> str:
     )
 
 
-def _careful(m: Material) -> str:
+def _baseline(m: Material) -> str:
     """What the fair baseline did, and what it did not have: the promise."""
-    tally = m.validation["controllers"].get(CAREFUL, {}).get(SIMULATOR)
+    tally = m.validation["controllers"].get(BASELINE, {}).get(SIMULATOR)
     if tally is None:
         return ""
     words = specification_of(m.context.case).words

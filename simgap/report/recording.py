@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from simgap.io.rerun.recording import SERIES, Content
-from simgap.io.traces import NOMINAL, ROBUST, TITLES, Trace, shown
+from simgap.io.traces import GAP_AWARE, NOMINAL, TITLES, Trace, shown
 from simgap.notation import axis_label
 from simgap.plants.context import Context
 from simgap.report.scene import limits, scene
@@ -26,13 +26,13 @@ Where each gap lies in its bound: {series}.
 """
 
 
-def recording_content(context: Context, traces: list[Trace], nominal: Controller, robust: Controller) -> Content:
+def recording_content(context: Context, traces: list[Trace], nominal: Controller, gap_aware: Controller) -> Content:
     """What the recording of a case shows."""
-    chosen = {kind: shown(traces, kind) for kind in (ROBUST, NOMINAL)}
+    chosen = {kind: shown(traces, kind) for kind in (GAP_AWARE, NOMINAL)}
     lines = [f"- {TITLES[kind]}: run {t.run}, {_fate(t)}" for kind, t in chosen.items()]
     series = ", ".join(f"{n} {SERIES[j % len(SERIES)][1]}" for j, n in enumerate(context.states))
     title = context.case.title or context.case.name
-    about = ABOUT.format(title=title, runs="\n".join(lines), series=series, domains=_domains(context, robust))
+    about = ABOUT.format(title=title, runs="\n".join(lines), series=series, domains=_domains(context, gap_aware))
     return Content(
         case=context.case.name,
         about=about,
@@ -42,7 +42,7 @@ def recording_content(context: Context, traces: list[Trace], nominal: Controller
         safe=limits(context),
         traces=traces,
         shown=chosen,
-        controllers={ROBUST: robust, NOMINAL: nominal},
+        controllers={GAP_AWARE: gap_aware, NOMINAL: nominal},
         scene=scene(context),
     )
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from simgap.io.traces import CAREFUL, EVERY_TITLE, MODEL, NOMINAL, ROBUST, SIMULATOR, TITLES
+from simgap.io.traces import BASELINE, EVERY_TITLE, GAP_AWARE, MODEL, NOMINAL, SIMULATOR, TITLES
 from simgap.notation import pretty_unit
 from simgap.report.material import Material
 
@@ -89,7 +89,7 @@ def loops(m: Material) -> Rows:
     """One row for each controller on each plant."""
     return [
         {"controller": EVERY_TITLE[kind], "plant": plant, **m.validation["controllers"][kind][plant]}
-        for kind in (ROBUST, CAREFUL, NOMINAL)
+        for kind in (GAP_AWARE, BASELINE, NOMINAL)
         for plant in (SIMULATOR, MODEL)
         if plant in m.validation["controllers"].get(kind, {})
     ]
@@ -97,7 +97,7 @@ def loops(m: Material) -> Rows:
 
 def promised_steps(m: Material) -> int | None:
     """Steps within which the gap-aware controller arrives from any winning cell; None where it has nowhere to go."""
-    value = m.controllers[ROBUST].solution.value
+    value = m.controllers[GAP_AWARE].solution.value
     return int(value.max()) if value is not None and value.size and value.max() > 0 else None
 
 
@@ -216,11 +216,11 @@ def overview(summary: Mapping[str, Any]) -> dict[str, Any]:
         "winning": summary["winning_fraction"],
         "runs": [
             (EVERY_TITLE[kind], loops[kind]["runs_that_kept_the_specification"], loops[kind]["runs"])
-            for kind in (ROBUST, CAREFUL, NOMINAL)
+            for kind in (GAP_AWARE, BASELINE, NOMINAL)
             if kind in loops
         ],
-        "outside": loops[ROBUST]["steps_outside_gamma"],
-        "steps": loops[ROBUST]["steps"],
+        "outside": loops[GAP_AWARE]["steps_outside_gamma"],
+        "steps": loops[GAP_AWARE]["steps"],
         "attacked": audit["violations"] if audit is not None else None,
         "evaluations": sum(audit[k] for k in ATTACKS) if audit is not None else None,
     }
@@ -229,6 +229,6 @@ def overview(summary: Mapping[str, Any]) -> dict[str, Any]:
 def sources(m: Material) -> Rows:
     """The provenance of every result that went into the page."""
     named = [(f"gap, eps = {g['eps']:g}" if g.get("eps") else "gap", g) for g in m.sweep]
-    named += [("synthesis, gap-aware", m.syntheses[ROBUST]), ("synthesis, nominal", m.syntheses[NOMINAL])]
+    named += [("synthesis, gap-aware", m.syntheses[GAP_AWARE]), ("synthesis, nominal", m.syntheses[NOMINAL])]
     named.append(("validation", m.validation))
     return [{"what": what, **document["provenance"]} for what, document in named if "provenance" in document]

@@ -152,7 +152,7 @@ def acts_at_once(case: Case) -> bool:
     return case.hidden_state is None and not any(effect(e.name).remembers for e in effects)
 
 
-def behind_commands(case: Case, bare: Callable[[Sequence[AddedEffect]], Simulator]) -> Simulator:
+def with_commands(case: Case, bare: Callable[[Sequence[AddedEffect]], Simulator]) -> Simulator:
     """An engine behind the delayed and lagged commands of a case.
 
     Args:

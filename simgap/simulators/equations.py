@@ -66,13 +66,13 @@ class EquationsEngine(Engine):
             UserError: equations that do not fit the plant's states and inputs, an integrator that does not fit them,
                 or a lagged state of the plant that does not lag in the simulator.
         """
-        from simgap.simulators.commands import behind_commands
+        from simgap.simulators.commands import with_commands
 
         if _carried(case):
             return cls(_substep(case, folder), _section(case).substeps)
         own = {n: s for n, s in case.plant.states.items() if s.lag_of is None}
         bare = case.model_copy(update={"plant": case.plant.model_copy(update={"states": own})})
-        return behind_commands(case, lambda effects: cls(_substep(bare, folder, effects), 1))
+        return with_commands(case, lambda effects: cls(_substep(bare, folder, effects), 1))
 
     @classmethod
     def acts_out(cls, effect: Effect) -> bool:

@@ -1,4 +1,4 @@
-"""What an engine makes of a model file in silence: what it drops, replaces, completes or enforces.
+"""Changes that an engine makes to a model file in silence: what it drops, replaces, completes or enforces.
 
 Two engines read one URDF as two robots. Some of it can be asked of the loaded engine (masses, centres of mass,
 moments of inertia); the rest, what it does with friction, limits and gears, is a trait of the engine that a test shows.
@@ -43,32 +43,32 @@ def _links(case: Case, file: ModelFile, loaded: Mapping[str, Link]) -> Iterator[
                 f"the file gives it no mass, the engine gives it {own.mass:g} kg",
                 "Add <inertial> to it.",
             )
-        said = file.links.get(name)
-        if said is None:
+        declared = file.links.get(name)
+        if declared is None:
             continue
-        if said.moments[:2].sum() < said.moments[2] - slack(said.moments):
+        if declared.moments[:2].sum() < declared.moments[2] - slack(declared.moments):
             yield Finding(
-                f"link '{name}'", f"no rigid body has the principal moments {_list(said.moments)} kg m^2: the "
+                f"link '{name}'", f"no rigid body has the principal moments {_list(declared.moments)} kg m^2: the "
                 "largest exceeds the sum of the others; engines that take the file compute with them",
                 "Correct <inertia>.",
             )  # fmt: skip
-        if differs(own.mass, said.mass):
+        if differs(own.mass, declared.mass):
             yield Finding(
-                f"link '{name}'", f"the engine computes with {own.mass:g} kg, the file says {said.mass:g} kg",
+                f"link '{name}'", f"the engine computes with {own.mass:g} kg, the file says {declared.mass:g} kg",
                 "Give simulator.urdf the mass that is meant.",
             )  # fmt: skip
-        if differs(own.com, said.com):
+        if differs(own.com, declared.com):
             yield Finding(
                 f"link '{name}'",
-                f"the engine has its centre of mass at {_list(own.com)} m, the file at {_list(said.com)} m",
+                f"the engine has its centre of mass at {_list(own.com)} m, the file at {_list(declared.com)} m",
                 "Look at <inertial><origin>.",
             )
-        if differs(own.moments, said.moments):
+        if differs(own.moments, declared.moments):
             by_key = getattr(case.simulator, "inertia", None) == "engine"
             yield Finding(
                 "simulator.inertia" if by_key else f"link '{name}'",
                 f"the engine computes link '{name}' with the principal moments {_list(own.moments)} kg m^2, the file "
-                f"says {_list(said.moments)}",
+                f"says {_list(declared.moments)}",
                 "With `inertia: file` it takes the file's." if by_key else "Look at <inertia>.",
             )
 

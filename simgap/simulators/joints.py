@@ -21,7 +21,7 @@ from simgap.errors import UserError
 from simgap.late import sympy as sp
 from simgap.plants.urdf_checks import check_joint_units
 from simgap.simulators.base import Engine, Simulator
-from simgap.simulators.commands import behind_commands, check_lagged, static_path
+from simgap.simulators.commands import check_lagged, static_path, with_commands
 
 Forces = Callable[..., Sequence[float]]
 
@@ -182,6 +182,6 @@ class JointEngine(Engine):
         if section is None or not any(effect(e.name).remembers for e in section.effects):
             return cls(plant, section)
         a_step = replace(plant, tau=plant.tau / section.substeps)
-        return behind_commands(
+        return with_commands(
             case, lambda effects: cls(a_step, section.model_copy(update={"substeps": 1, "effects": effects}))
         )

@@ -158,10 +158,10 @@ def check_mjcf(case: Case, folder: Path) -> Any:
     for name in found:
         _check_states(case, path, name)
     _check_roles(case)
-    beyond = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS) - 1 - model.nq - model.nv
-    if beyond:
+    others = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS) - 1 - model.nq - model.nv
+    if others:
         raise UserError(
-            f"beside positions and velocities the file has {beyond} states, as of an actuator's filter or a delay",
+            f"beside positions and velocities the file has {others} states, as of an actuator's filter or a delay",
             file=path, remedy="Remove them, and declare input_lag or input_delay in simulator.effects.",
         )  # fmt: skip
     _check_unseen(path, model)

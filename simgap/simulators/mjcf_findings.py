@@ -1,4 +1,4 @@
-"""What an MJCF file has that the nominal model of the case lacks, and where it switches.
+"""Parts of an MJCF file that the nominal model of the case lacks, and where it switches.
 
 Bodies of the two files need not have the same names or frames. What is compared is what a joint feels: the mass and the
 inertia that it moves, the pull of gravity, and its own damping, friction, armature, spring and stops.

@@ -128,7 +128,7 @@ class EnginePool:
             went_well, result = worker.ask(task, job)
         except (EOFError, OSError):
             where = f"; its output is in {self._log}" if self._log else ""
-            raise EngineCrash(f"an engine process ended: {worker.note.said() or 'it died'}{where}") from None
+            raise EngineCrash(f"an engine process ended: {worker.note.message() or 'it died'}{where}") from None
         if not went_well:
             raise result
         found: T = result

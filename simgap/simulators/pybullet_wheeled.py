@@ -48,7 +48,7 @@ class PyBulletWheeled(WheeledEngine):
             from pybullet_utils.bullet_client import BulletClient  # type: ignore[import-untyped]
 
         super().__init__(plant, section, paths)
-        self._seen: list[Any] = [None] * section.poses
+        self._poses: list[Any] = [None] * section.poses
         self.engine = f"pybullet {p.getAPIVersion()}"
         self._p: Any = BulletClient(p.DIRECT)
         self._native: Any = p  # the client looks every function up anew, which costs more than a pose does
@@ -138,13 +138,13 @@ class PyBulletWheeled(WheeledEngine):
     def _step_to_pose(self, n: int) -> None:
         client = self._p._client
         self._native.stepSimulation(physicsClientId=client)
-        self._seen[n] = self._native.getBasePositionAndOrientation(self._body, physicsClientId=client)
+        self._poses[n] = self._native.getBasePositionAndOrientation(self._body, physicsClientId=client)
 
     def _complete_path(self, u: Floats) -> None:
         """From positions and quaternions of the centre of mass to poses of the root frame."""
         turn = self._native.getMatrixFromQuaternion
-        place = np.array([position for position, _ in self._seen])
-        m = np.array([turn(quaternion) for _, quaternion in self._seen])
+        place = np.array([position for position, _ in self._poses])
+        m = np.array([turn(quaternion) for _, quaternion in self._poses])
         if not self._aligned:
             m = (m.reshape(-1, 3, 3) @ self._from_axes).reshape(-1, 9)
         a, b, c = self._offset

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 STARTING = 60.0
 """Longest time that the file may take to be imported, s."""
 log = logging.getLogger("simgap.code")
-_told: set[Path] = set()
+_announced: set[Path] = set()
 
 
 class PythonSettings(EngineSection):
@@ -56,8 +56,8 @@ class PythonSettings(EngineSection):
         except UserError as error:
             place = f"{error.file}: " if error.file else ""
             raise ValueError(f"{place}{error.problem}. {error.remedy or ''}".strip()) from None
-        if found.path not in _told:
-            _told.add(found.path)
+        if found.path not in _announced:
+            _announced.add(found.path)
             log.warning("the simulator %s is code and runs with your permissions", found.path)
         return function
 

@@ -158,7 +158,7 @@ class Note:
         _, length, began, longest = _HEAD.unpack_from(self._view)
         _HEAD.pack_into(self._view, 0, 2, length, began, longest)
 
-    def said(self) -> str | None:
+    def message(self) -> str | None:
         """The call that a process was in when it ended, and how; None if it was in none."""
         state, length, began, longest = _HEAD.unpack_from(self._view)
         if state == 0:
@@ -241,20 +241,20 @@ def supervise(engine: Simulator, watch: Supervised) -> Simulator:
     """The same engine, every call of it watched."""
     own: Any = engine
     reset, advance, rollouts = own.reset, own.advance, own.rollouts
-    begun: list[Floats | None] = [None]
+    stepping: list[Floats | None] = [None]
 
     def reset_watched(x: Floats) -> None:
-        begun[0] = np.array(x)
+        stepping[0] = np.array(x)
         watch.call(f"while it is reset {watch.at(x, np.empty(0))}", lambda: reset(x))
 
     named = ", ".join(f"{name.replace('%', '%%')} = %.9g" for name in (*watch.states, *watch.inputs))
 
     def advance_watched(u: Floats) -> Floats:
-        before = begun[0]
+        before = stepping[0]
         what = watch.at(None, u) if before is None else "at " + named % (*before.tolist(), *u.tolist())
         found = watch.call(what, lambda: advance(u))
         following = watch.state(found, before, u)
-        begun[0] = following.copy()
+        stepping[0] = following.copy()
         return following
 
     def rollouts_watched(x: Floats, u: Floats) -> Floats:

@@ -46,7 +46,7 @@ class Game(Protocol):
 
     @property
     def stray(self) -> Floats:
-        """How far a path may stray from its samples where clearance is to cover that, (nx,) or as `Problem.stray`."""
+        """How far a path may stray from its samples where clearance is to cover that; see `SynthesisProblem`."""
 
     def invariant(self, safe: Bools) -> Solution:
         """The largest set of safe cells that some input keeps for ever: the greatest fixed point; (cells,) bool."""
@@ -175,5 +175,5 @@ def path_aware_baseline(context: Context) -> Context:
             file=context.path, key="validation.fair_baseline", remedy="Remove the key.",
         )  # fmt: skip
     section = context.need(context.case.synthesis, "synthesis")
-    asked = section.model_copy(update={"nominal_between_samples": True})
-    return replace(context, case=context.case.model_copy(update={"synthesis": asked}))
+    checked = section.model_copy(update={"nominal_between_samples": True})
+    return replace(context, case=context.case.model_copy(update={"synthesis": checked}))

@@ -77,7 +77,7 @@ class Inside(Always):
         """True where states are in the box: (n, nx) -> (n,)."""
         return self.box.contains(x)
 
-    def over(self, x: Floats, seen: Floats) -> bool:
+    def over(self, x: Floats, measured: Floats) -> bool:
         """A run ends outside, at `x` (nx,); without arrays, because this is asked at every sample."""
         lo, hi = self._ends
         return any(not a <= value <= b for a, value, b in zip(lo, x.tolist(), hi, strict=True))

@@ -19,7 +19,7 @@ class Run:
     """One run of a controller on a plant.
 
     Attributes:
-        x: (k + 1, nx) states, periodic ones not wrapped; seen: (k + 1, nx) what was measured of them.
+        x: (k + 1, nx) states, periodic ones not wrapped; measured: (k + 1, nx) what was measured of them.
         inputs: (k,) numbers of the inputs applied.
         stuck: whether the controller had no input at the last state.
         memory: (k + 1,) what the controller remembered at each sample, the pending input; None for one without memory.
@@ -30,7 +30,7 @@ class Run:
     x: Floats
     inputs: Ints
     stuck: bool
-    seen: Floats
+    measured: Floats
     clearance: Floats | None = None
     memory: Ints | None = None
 
@@ -39,7 +39,7 @@ class Run:
         near = None if self.clearance is None else self.clearance[: steps + 1]
         known = None if self.memory is None else self.memory[: steps + 1]
         cut = self.stuck and steps == len(self.inputs)
-        return Run(self.x[: steps + 1], self.inputs[:steps], cut, self.seen[: steps + 1], near, known)
+        return Run(self.x[: steps + 1], self.inputs[:steps], cut, self.measured[: steps + 1], near, known)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,12 +77,12 @@ class Monitor(ABC):
     """Whether a path between samples matters; a run then ends where `clearance` is no longer positive."""
 
     @abstractmethod
-    def over_each(self, x: Floats, seen: Floats) -> Bools:
+    def over_each(self, x: Floats, measured: Floats) -> Bools:
         """True where runs end at a sample, from states (n, nx) and what is measured of them (n, nx): -> (n,)."""
 
-    def over(self, x: Floats, seen: Floats) -> bool:
-        """The same for one run: (nx,), (nx,). It is asked at every sample, so that a kind may have a faster answer."""
-        return bool(self.over_each(x[None], seen[None])[0])
+    def over(self, x: Floats, measured: Floats) -> bool:
+        """The same for one run: (nx,), (nx,). It runs at every sample, so that a kind may have a faster way."""
+        return bool(self.over_each(x[None], measured[None])[0])
 
     @abstractmethod
     def judge(self, run: Run, steps: int) -> Verdict:
@@ -107,7 +107,7 @@ class Always(Monitor):
     def satisfied(self, x: Floats) -> Bools:
         """True where states satisfy the condition: (n, nx) -> (n,)."""
 
-    def over_each(self, x: Floats, seen: Floats) -> Bools:
+    def over_each(self, x: Floats, measured: Floats) -> Bools:
         """Runs end where the condition does not hold: (n, nx), (n, nx) -> (n,)."""
         return ~self.satisfied(x)
 

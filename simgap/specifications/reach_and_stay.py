@@ -55,7 +55,7 @@ class ReachAndStay(Reaching):
 class Staying(Toward):
     """A run goes on in the target until its last sample."""
 
-    def over_each(self, x: Floats, seen: Floats) -> Bools:
+    def over_each(self, x: Floats, measured: Floats) -> Bools:
         """Runs go on, whatever `x` and `seen`: (n, nx), (n, nx) -> (n,)."""
         return np.zeros(len(x), np.bool_)
 

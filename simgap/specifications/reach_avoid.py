@@ -48,13 +48,13 @@ class ReachAvoid(Reaching):
 class Arriving(Toward):
     """A run ends in a cell of the target."""
 
-    def over(self, x: Floats, seen: Floats) -> bool:
+    def over(self, x: Floats, measured: Floats) -> bool:
         """A run ends where the controller knows that it has arrived: (nx,), (nx,)."""
-        return self.arrived(seen)
+        return self.arrived(measured)
 
-    def over_each(self, x: Floats, seen: Floats) -> Bools:
+    def over_each(self, x: Floats, measured: Floats) -> Bools:
         """The same for many runs: (n, nx), (n, nx) -> (n,)."""
-        cells = self.solution.grid.index(seen)
+        cells = self.solution.grid.index(measured)
         return np.where(cells >= 0, self.solution.ended[cells], False)
 
     def ended(self, run: Run, levels: Ints, steps: int) -> tuple[str, bool]:

@@ -95,12 +95,12 @@ class Solution:
         """True if a run can start anywhere but where it ends at once."""
         return bool((self.winning & self.at_first(self.served)).any())
 
-    def levels(self, seen: Floats, memory: Ints | None = None) -> Ints:
+    def levels(self, measured: Floats, memory: Ints | None = None) -> Ints:
         """Worst-case steps to the target at what is measured (n, nx) and remembered (n,): (n,), -1 where losing.
 
         Without `memory`, at that of a start.
         """
-        cells = self.grid.index(seen)
+        cells = self.grid.index(measured)
         if self.value is None:
             return np.full(len(cells), -1)
         rows = cells * self.memory + (self.first if memory is None else memory)

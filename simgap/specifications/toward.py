@@ -150,11 +150,11 @@ class Toward(Monitor):
     def levels(self, run: Run) -> Ints:
         """Worst-case steps to the target at each sample, from what was measured and remembered: (k + 1,), -1 where
         losing."""
-        return self.solution.levels(run.seen, run.memory)
+        return self.solution.levels(run.measured, run.memory)
 
-    def arrived(self, seen: Floats) -> bool:
+    def arrived(self, measured: Floats) -> bool:
         """True if what is measured (nx,) is the end of a run, whatever is pending."""
-        cell = self._find(seen)
+        cell = self._find(measured)
         return cell >= 0 and self._ended[cell]
 
     def in_target(self, x: Floats) -> Bools:

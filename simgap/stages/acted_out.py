@@ -1,4 +1,4 @@
-"""Which of the effects that were found the simulator of a corrected case acts out.
+"""Effects that were found and that the simulator of a corrected case acts out.
 
 The nominal model gets them all. Whether the simulator lacks them too is another question: simgap's own twin of the
 nominal model does, a person's own program may know them already. So the simulator follows the recordings that confirm
@@ -71,7 +71,7 @@ class ActedOut:
 
 
 def acted_out(context: Context, section: MeasuredSection, applied: Sequence[AppliedEffect]) -> ActedOut | None:
-    """What the case says or, where it says nothing, what its engine is; None without a simulator or effects.
+    """The choice of the case or, where it makes none, of its engine; None without a simulator or effects.
 
     Raises:
         UserError: an engine that does not exist.
@@ -118,29 +118,29 @@ def measured_out(
         UserError: as `acted_out`.
         EngineCrash: a simulator whose process died.
     """
-    told, case = acted_out(context, section, found.applied), context.case
+    stated, case = acted_out(context, section, found.applied), context.case
     if (
-        told is None
-        or not told.able
+        stated is None
+        or not stated.able
         or case.domain is None
         or case.hidden_state is not None
         or len(names[1]) > len(context.inputs)
     ):
-        return told
-    sets = _sets(told.able, told.effects)
+        return stated
+    sets = _sets(stated.able, stated.effects)
     try:
         errors = _errors(context, found, names[0], sets, engine_log)
     except UserError as error:  # a process that died is no answer
         log.warning("the simulator cannot follow the recordings: %s", error)
-        return told
-    return _judged(told, sets, errors) if errors else told
+        return stated
+    return _judged(stated, sets, errors) if errors else stated
 
 
-def _sets(able: Effects, told: Effects) -> list[Effects]:
+def _sets(able: Effects, stated: Effects) -> list[Effects]:
     """Sets of effects to try: what the engine suggests first, then none, all, each alone, all but each."""
     sizes = sorted({0, 1, len(able) - 1, len(able)})
     every = [tuple(s) for n in sizes for s in itertools.combinations(able, n)]
-    return [told, *(s for s in every if s != told)]
+    return [stated, *(s for s in every if s != stated)]
 
 
 def _errors(
@@ -159,9 +159,9 @@ def _errors(
         for s, own in zip(sets, runs, strict=True)
     ]
     (paths,) = run_in_processes(follow, [(jobs, context.folder)], log=engine_log)
-    seen = [context.states.index(n) for n in measured]
+    columns = [context.states.index(n) for n in measured]
     sigma = np.array([found.sigma[n] for n in measured])
-    return [stray(own, path, seen, sigma, tau) for own, path in zip(runs, paths, strict=True)]
+    return [stray(own, path, columns, sigma, tau) for own, path in zip(runs, paths, strict=True)]
 
 
 def _runs(
@@ -196,7 +196,7 @@ def _with(case: Case, effects: Effects) -> Case:
     return case.model_copy(update={"simulator": section.model_copy(update={"effects": (*section.effects, *more)})})
 
 
-def _judged(told: ActedOut, sets: Sequence[Effects], errors: Sequence[float]) -> ActedOut:
+def _judged(stated: ActedOut, sets: Sequence[Effects], errors: Sequence[float]) -> ActedOut:
     """The set that strays clearly less than what the engine suggests, else that."""
     errors = np.nan_to_num(np.array(errors), nan=np.inf).tolist()
     best = int(np.argmin(errors))
@@ -214,7 +214,7 @@ def _judged(told: ActedOut, sets: Sequence[Effects], errors: Sequence[float]) ->
         taken,
         f"The simulator {what}: it then misses the held-out recordings by {number(errors[best], 3)} times "
         f"their noise; {beside}, by {number(errors[sets.index(other)], 3)} times.{far if min(errors) > NEAR else ''}"
-        f"{told.rest}",
+        f"{stated.rest}",
         tried,
-        told.rest,
+        stated.rest,
     )

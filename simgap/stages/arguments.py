@@ -1,4 +1,4 @@
-"""What a stage takes from the command line: its signature says it, `simgap.cli.commands` makes options of it.
+"""Arguments of a stage on the command line: its signature declares them, `simgap.cli.commands` makes options of it.
 
 A parameter is `Annotated[type, Argument(...)]` or `Annotated[type, Option(...)]`. One that is a dataclass stands for
 its fields, and one without such a mark is for callers in Python.
@@ -48,5 +48,5 @@ Point = Annotated[str | None, Option("eps~ and the radius of the balls that cove
 Gap = Annotated[Path, Option("gap.json", "--gap")]
 NominalController = Annotated[Path, Option("Controller made for the nominal model.", "--nominal")]
 HowMany = Annotated[Trials, Option("How many, if the case does not state it.", "--trials")]
-RobustController = Annotated[Path, Option("Controller made for the model with its gap.", "--robust")]
+GapAwareController = Annotated[Path, Option("Controller made for the model with its gap.", "--gap-aware")]
 Traces = Annotated[Path, Option("Traces that the validation kept (Parquet).", "--traces")]

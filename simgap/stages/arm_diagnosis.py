@@ -67,7 +67,9 @@ def run(
     _write_corrected(context, section, found, paths, out_dir, content["sentence"])
     none = np.zeros((0, 0))
     windows = [
-        WindowPrediction(p.trace, True, p.t, p.measured, p.before, p.after, none, np.zeros((len(p.t), 0)))
+        WindowPrediction(
+            p.trace, True, p.t, p.measured, p.before, p.after, none, np.zeros((len(p.t), 0)), np.ones_like(p.measured)
+        )
         for p in found.predictions
     ]
     nothing = [*context.states, *(f"{k}{n}" for k in ("", "late_") for n in context.inputs)]

@@ -70,8 +70,8 @@ def attack(job: Job) -> tuple[SearchRecord, dict[str, Campaign]]:
     gap, rng, hidden = from_json(job.gap), np.random.default_rng(job.seed), job.case.hidden_state
     with make_simulator(job.case, context.folder) as simulator:
         if hidden is not None:
-            asked = HistoryProblem.of(context, simulator, gap, hidden.length)
-            found = search_histories(asked, job.evaluations, rng, *job.known)
+            problem = HistoryProblem.of(context, simulator, gap, hidden.length)
+            found = search_histories(problem, job.evaluations, rng, *job.known)
         else:
             found = PointSearch(GapProblem.of(context, simulator, gap), job.evaluations, rng).run(*job.known)
         return found, attack_loops(context, simulator, gap, job.solution.read(), job.starts, job.steps, rng)
@@ -146,10 +146,10 @@ def run(
         _keep(context, case_path, bound, witness, _numbered(out.witness, number))
     _write_margins(context, margins, out.margins, record)
     write_json(out.counts, content | {"witnesses": [w.what for w in witnesses]})
-    log.info("%s", _said(content))
+    log.info("%s", _summary(content))
     if loops[DISTURBANCE].violations or (content["violations"] and not tolerated_share(context.case)):
         raise BrokenPromise(
-            f"the adversary broke it: {_said(content)}; the first: {witnesses[0].what}",
+            f"the adversary broke it: {_summary(content)}; the first: {witnesses[0].what}",
             f"`simgap replay {out.witness}` shows it{_beside(witnesses)}. {_remedy(found)}",
         )
 
@@ -211,7 +211,7 @@ def counts(found: SearchRecord, loops: Mapping[str, Campaign], states: Sequence[
     }
 
 
-def _said(content: Mapping[str, Any]) -> str:
+def _summary(content: Mapping[str, Any]) -> str:
     loops = content["closed_loop"]
     return (
         f"{content['gap']['violations']:,} of {content['evaluations']:,} chosen evaluations lie outside gamma, "

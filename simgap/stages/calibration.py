@@ -24,5 +24,5 @@ def run(case_path: CasePath, out: Out, engine_log: Path | None = None, workers: 
             file=case_path,
             key="hidden_state",
         )
-    asked = Draw("calibration", section.calibration_samples, section.seed)
-    random_samples(context, asked, out, engine_log, workers)
+    wanted = Draw("calibration", section.calibration_samples, section.seed)
+    random_samples(context, wanted, out, engine_log, workers)

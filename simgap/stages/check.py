@@ -87,21 +87,21 @@ def run(
     context = Context.load(case_path)
     case = context.case
     with context.blame():
-        said = tell or (lambda words: None)
+        tell_user = tell or (lambda words: None)
         if case.domain is not None:
             first = costs(context)
             affordable_or_degrees(context, first)  # before anything that would build what is too large
-            said(_outlook(first))
+            tell_user(_outlook(first))
         file = model_file(context)
         of_angles = find_degrees(context, file.joints if file is not None else {})
-        said(f"building the nominal model of {len(context.states)} states")
+        tell_user(f"building the nominal model of {len(context.states)} states")
         check_measured(context)
         began = time.process_time()
         _ = context.plant.sampled if case.domain is not None else context.plant.declared
         build = time.process_time() - began
         run_checks(OF_CASE, context)
         if case.simulator is not None:
-            said(f"querying the engine {case.simulator.engine}")
+            tell_user(f"querying the engine {case.simulator.engine}")
         findings, rollout = of_engine(context, file, engine_log)
         found = costs(context, rollout, build=build) if case.domain is not None else []
         affordable(context, found)

@@ -11,7 +11,7 @@ import numpy as np
 
 from simgap.config.copied_plugins import plugin_copies
 from simgap.config.measured import MeasuredSection, matching_files, named_recordings
-from simgap.diagnosis.diagnose import diagnose
+from simgap.diagnosis.diagnose import diagnose_mended
 from simgap.diagnosis.record.conditions import Known, conditioned, under_conditions
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.record.survey import Survey, survey
@@ -56,7 +56,7 @@ def outside(context: Context, record: Record) -> str | None:
     values |= {name: [trace.u[:, record.inputs.index(name)] for trace in record.traces] for name in context.inputs}
     ends = {name: case.domain.X[name] for name in context.states if name not in case.domain.periodic}
     ends |= {name: (float(u.min()), float(u.max())) for name in context.inputs for u in [case.domain.U[name].list()]}
-    beyond, any_of = [], np.zeros(record.rows, dtype=bool)
+    outside_parts, any_of = [], np.zeros(record.rows, dtype=bool)
     for name, (lo, hi) in ends.items():
         if name not in values:
             continue
@@ -67,13 +67,13 @@ def outside(context: Context, record: Record) -> str | None:
         if out.any():
             where, unit = ("X" if name in context.states else "U"), context.units[name]
             far = float(own[np.argmax(np.maximum(lo - own, own - hi))])
-            beyond.append(f"{name} reaches {number(far, 3)} {unit}, {where} [{number(lo, 3)}, {number(hi, 3)}]")
-    if not beyond:
+            outside_parts.append(f"{name} reaches {number(far, 3)} {unit}, {where} [{number(lo, 3)}, {number(hi, 3)}]")
+    if not outside_parts:
         return None
     share = 100.0 * float(any_of.mean())
     return (
         f"{number(share, 2)} % of the samples lie outside the case's X and U, where its bound of the gap says nothing: "
-        f"{'; '.join(beyond)}."
+        f"{'; '.join(outside_parts)}."
     )
 
 
@@ -131,15 +131,16 @@ def run(
     if tree is not None:
         return arm_diagnosis.run(context, tree, section, reading, look, paths, out_dir, tell)
     with context.blame():
-        if (beyond := outside(context, record)) is not None:
-            reading = replace(reading, warnings=(*reading.warnings, beyond))
         for warning in (*reading.warnings, *look.warnings):
             log.warning("%s", warning)
         known = [Known(c.file, c.values) for c in section.conditions]
         record, names = under_conditions(reading, model, known)
         tell("searching for what the model lacks")
-        found = diagnose(conditioned(model, names), record, _settings(section, reading), tell)
-        reading = replace(reading, record=record)
+        found, mended = diagnose_mended(conditioned(model, names), record, _settings(section, reading), tell)
+        reading = replace(reading, record=mended)
+        if (beyond_domain := outside(context, mended)) is not None:
+            log.warning("%s", beyond_domain)
+            reading = replace(reading, warnings=(*reading.warnings, beyond_domain))
     tell("bounding what is left")
     return conclude(context, section, found, reading, look, paths, out_dir, tell)
 

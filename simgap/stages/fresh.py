@@ -38,16 +38,16 @@ class Draw:
     seed: int
 
 
-def random_samples(context: Context, asked: Draw, out: Path, engine_log: Path | None, workers: int) -> None:
+def random_samples(context: Context, wanted: Draw, out: Path, engine_log: Path | None, workers: int) -> None:
     """Roll out random pairs, uniform on X x U, and write them."""
     with context.blame():
-        x, u = draw(context.box, context.input_set, asked.count, asked.seed)
+        x, u = draw(context.box, context.input_set, wanted.count, wanted.seed)
         parts = zip(np.array_split(x, workers), np.array_split(u, workers), strict=True)
         jobs = [(context.case, context.folder, a, b) for a, b in parts]
         results = run_in_processes(roll_out, jobs, workers, engine_log)
     following, engine = np.concatenate([successors for successors, _ in results]), results[0][1]
     columns = successor_columns(context.case, x, u, following)
-    write_rollouts(context, out, asked.stage, columns, engine, {"samples": asked.seed}, seed=asked.seed)
+    write_rollouts(context, out, wanted.stage, columns, engine, {"samples": wanted.seed}, seed=wanted.seed)
     log.info("wrote %d random samples to %s", len(x), out)
 
 

@@ -64,7 +64,7 @@ def grid(context: Context, name: str) -> Points:
             f"'{name[:40]}' is not a point of a case with a hidden state", remedy=f"Use {HISTORIES} or {EVERY_HISTORY}."
         )
     values = [context.domain.U[n].list() for n in context.inputs]
-    asked = [hidden.previous[n] for n in context.inputs]
-    counts = [len(own) for own in values] if name == EVERY_HISTORY else asked
+    declared = [hidden.previous[n] for n in context.inputs]
+    counts = [len(own) for own in values] if name == EVERY_HISTORY else declared
     parts = [hidden.classes.get(n, 1) for n in context.inputs]
     return Points(name, previous_inputs(values, counts, parts), context.input_set)

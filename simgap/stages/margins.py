@@ -1,4 +1,4 @@
-"""What the audit says of margins: by how much gamma could grow before a winning cell is lost, and over which cells."""
+"""Margins of the audit: by how much gamma could grow before a winning cell is lost, and over which cells."""
 
 from __future__ import annotations
 

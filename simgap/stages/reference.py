@@ -57,11 +57,11 @@ def _keys(schema: Mapping[str, Any], defs: Mapping[str, Any], prefix: str) -> It
         words = own.get("description") or next((k["description"] for k, _ in kinds if "description" in k), "")
         yield key, " or ".join(dict.fromkeys(filter(None, (_words(k) for k, _ in kinds)))), default, words
         if key.count(".") < _DEEPEST:
-            seen: set[str] = set()
+            listed: set[str] = set()
             for kind, step in kinds:
                 for row in _keys(kind, defs, f"{key}{step}."):
-                    if row[0] not in seen:
-                        seen.add(row[0])
+                    if row[0] not in listed:
+                        listed.add(row[0])
                         yield row
 
 

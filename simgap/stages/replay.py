@@ -19,7 +19,7 @@ from simgap.gap.bounds.load import from_json
 from simgap.geometry import nearest_inputs
 from simgap.io.documents import read_json
 from simgap.io.rerun.closed_loop import write_witness
-from simgap.io.traces import MODEL, ROBUST, SIMULATOR, Trace
+from simgap.io.traces import GAP_AWARE, MODEL, SIMULATOR, Trace
 from simgap.judge import GapAudit
 from simgap.notation import pretty_unit
 from simgap.plants.context import Context, pose_axes
@@ -50,8 +50,8 @@ def run(path: Path, out: Path | None = None, engine_log: Path | None = None) -> 
         states = run_in_processes(simulate, [job], 1, engine_log)[0]
     trace = _trace(context, gap, witness, states)
     if out is not None:
-        seen = witness.measured if _measured(witness) else None
-        write_witness(out, context.case.name, witness.what, trace, context.states, context.inputs, seen)
+        measured = witness.measured if _measured(witness) else None
+        write_witness(out, context.case.name, witness.what, trace, context.states, context.inputs, measured)
         log.info("wrote %s", out)
     return text(context, witness, trace, states)
 
@@ -82,15 +82,15 @@ def _trace(context: Context, gap: GapFunction, witness: Witness, states: Floats)
     else:
         lo, hi = gap.bounds(x, u)
     plant, safe = SIMULATOR if witness.plant == ON_SIMULATOR else MODEL, ~GapAudit(d, lo, hi).outside
-    return Trace.of((ROBUST, plant, 0), context.domain.tau, states, (u, d, lo, hi), np.append(safe, True))
+    return Trace.of((GAP_AWARE, plant, 0), context.domain.tau, states, (u, d, lo, hi), np.append(safe, True))
 
 
 def text(context: Context, witness: Witness, trace: Trace, states: Floats) -> str:
     """A row a step: time, state, input, and for each state the gap between its bounds; `*` where it is outside."""
     units, rows, measured = context.units, [], _measured(witness)
     names = [f"{n} [{pretty_unit(units[n])}]" for n in (*context.states, *context.inputs)]
-    seen = [f"{n} as measured" for n in context.states] if measured else []
-    heads = ["step", "t [s]", *names, *seen, *(f"gap in {n}: lower, gap, upper" for n in context.states)]
+    measured_columns = [f"{n} as measured" for n in context.states] if measured else []
+    heads = ["step", "t [s]", *names, *measured_columns, *(f"gap in {n}: lower, gap, upper" for n in context.states)]
     count = len(trace.t)
     for k in range(max(0, count - SHOWN), count):
         gaps = [
@@ -121,9 +121,9 @@ def _again(witness: Witness, trace: Trace, states: Floats) -> str:
     """How this agrees with what the audit saw."""
     if witness.plant != ON_SIMULATOR:
         return "The states are those that the adversary chose within f + gamma."
-    seen: Any = witness.states if witness.kind != STEP else witness.d
+    recorded: Any = witness.states if witness.kind != STEP else witness.d
     now = states if witness.kind != STEP else trace.d[-2]
-    off = float(np.abs(now - seen).max()) if np.shape(now) == np.shape(seen) else np.inf
+    off = float(np.abs(now - recorded).max()) if np.shape(now) == np.shape(recorded) else np.inf
     outside = int((~trace.safe).sum())
     return (
         f"Simulated again: {outside} step{'' if outside == 1 else 's'} outside gamma; the largest difference from what "

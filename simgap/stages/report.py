@@ -17,17 +17,17 @@ from simgap.io.documents import read_json, write_json
 from simgap.io.gap_file import SavedGap, load_gap
 from simgap.io.pages import need_template, render, script_data
 from simgap.io.parquet import read_parquet
-from simgap.io.traces import NOMINAL, ROBUST, split
+from simgap.io.traces import GAP_AWARE, NOMINAL, split
 from simgap.lint.costs import costs, duration
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.report.case_figures import draw
 from simgap.report.content import content, summary
-from simgap.report.explorer import runs_figure
+from simgap.report.explorer import explored_runs
 from simgap.report.material import Corrected, Material
 from simgap.report.measured_share import share_inside
 from simgap.stages import log
-from simgap.stages.arguments import CasePath, NominalController, Option, Out, RobustController, Traces
+from simgap.stages.arguments import CasePath, GapAwareController, NominalController, Option, Out, Traces
 from simgap.stages.gap_inputs import read_result, read_table
 
 TEMPLATE = "report.html.j2"
@@ -41,8 +41,8 @@ class ReportFiles:
     samples: Annotated[Path, Option("Thinned samples of the gap (Parquet).")]
     nominal: NominalController
     nominal_summary: Annotated[Path, Option("Its synthesis.json.")]
-    robust: RobustController
-    robust_summary: Annotated[Path, Option("Its synthesis.json.")]
+    gap_aware: GapAwareController
+    gap_aware_summary: Annotated[Path, Option("Its synthesis.json.")]
     validation: Annotated[Path, Option("validation.json")]
     traces: Traces
     diagnosis: Annotated[Path | None, Option("diagnosis.json, if there is one.")] = None
@@ -51,7 +51,7 @@ class ReportFiles:
     corrected_gap: Annotated[Path | None, Option("Its gap.json.")] = None
     corrected_summary: Annotated[Path | None, Option("Its summary.json.")] = None
     corrected_nominal: Annotated[Path | None, Option("Its controller for the nominal model.")] = None
-    corrected_robust: Annotated[Path | None, Option("Its controller for the model with its gap.")] = None
+    corrected_gap_aware: Annotated[Path | None, Option("Its controller for the model with its gap.")] = None
     twin: Annotated[Path | None, Option("twin.json, if the simulator stands for another engine.")] = None
     printed: Annotated[Path | None, Option("Values that the paper prints (YAML).")] = None
     audit: Annotated[Path | None, Option("audit.json")] = None
@@ -82,7 +82,7 @@ def run(
     said = content(material)
     write_json(figures_out, summary(material, said) | {"provenance": record})
     drawn = draw(material)
-    explorer = script_data(runs_figure(material))
+    explorer = script_data(explored_runs(material))
     page = render(
         TEMPLATE, figures=drawn.markup, notes=drawn.notes, later=later, provenance=record, explorer=explorer, **said
     )
@@ -100,7 +100,7 @@ def run(
 
 
 def _seconds_left(context: Context) -> float:
-    """What the whole page takes after the first one: the adversary, and what a diagnosis corrects."""
+    """Seconds that the whole page takes after the first one: the adversary, and what a diagnosis corrects."""
     seconds = {cost.stage: cost.seconds for cost in costs(context)}
     corrected = ("scp", "lipschitz", "gap", "synthesis", "validation", "audit") if context.case.measured else ()
     return sum(seconds.get(stage, 0.0) for stage in ("audit", *corrected))
@@ -113,8 +113,8 @@ def read(case_path: Path, inputs: ReportFiles) -> Material:
     grid = context.case.grid
     gap = min(bounds, key=lambda g: abs(_eps(g) - (grid.eps or 0.0))) if grid is not None else bounds[-1]
     given, found = inputs.printed, inputs.diagnosis
-    controllers = {NOMINAL: inputs.nominal, ROBUST: inputs.robust}
-    syntheses = {NOMINAL: inputs.nominal_summary, ROBUST: inputs.robust_summary}
+    controllers = {NOMINAL: inputs.nominal, GAP_AWARE: inputs.gap_aware}
+    syntheses = {NOMINAL: inputs.nominal_summary, GAP_AWARE: inputs.gap_aware_summary}
     printed = suprema_and_constants(read_yaml(given), context.case.name) if given is not None else {}
     return Material(
         context=context,
@@ -166,14 +166,14 @@ def _corrected(context: Context, inputs: ReportFiles, gap: GapFunction) -> Corre
     if inputs.corrected is None:
         return None
     bound, summary = inputs.corrected_gap, inputs.corrected_summary
-    nominal, robust = inputs.corrected_nominal, inputs.corrected_robust
-    if bound is None or summary is None or nominal is None or robust is None:
+    nominal, gap_aware = inputs.corrected_nominal, inputs.corrected_gap_aware
+    if bound is None or summary is None or nominal is None or gap_aware is None:
         raise UserError(
             "the corrected case needs its bound, its summary and both controllers", file=inputs.corrected,
-            remedy="Give --corrected-gap, --corrected-summary, --corrected-nominal and --corrected-robust.",
+            remedy="Give --corrected-gap, --corrected-summary, --corrected-nominal and --corrected-gap-aware.",
         )  # fmt: skip
     later = Context.load(inputs.corrected)
-    controllers = {NOMINAL: load_domain_of(nominal, later), ROBUST: load_domain_of(robust, later)}
+    controllers = {NOMINAL: load_domain_of(nominal, later), GAP_AWARE: load_domain_of(gap_aware, later)}
     inside: dict[str, Mapping[str, float] | None] = {}
     if inputs.diagnosis is not None and inputs.transitions is not None and later.states == context.states:
         document, rows = read_json(inputs.diagnosis), read_parquet(inputs.transitions)

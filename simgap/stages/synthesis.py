@@ -38,7 +38,7 @@ from simgap.synthesis.abstraction.swept import SweptCells, planar_swept_cells
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.explain import GammaParts, explain
 from simgap.synthesis.games.game import PreviousBounds
-from simgap.synthesis.synthesise import EmptyDomain, Problem, synthesise
+from simgap.synthesis.synthesise import EmptyDomain, SynthesisProblem, synthesise
 
 FIRST_INPUT = 1e-9  # how far the first input may be from the one of U that it is
 EMPTY_PAGE = "empty.html.j2"
@@ -52,22 +52,22 @@ def run(
     out: Out,
     summary: Annotated[Path, Option("File for the figures of the synthesis (JSON).")],
     threads: Annotated[int, Option("Threads.", "--workers")] = 2,
-    careful: Annotated[
-        bool, Option("Without a gap: check the path between samples (fair baseline).", "--careful")
+    baseline: Annotated[
+        bool, Option("Without a gap: check the path between samples (fair baseline).", "--baseline")
     ] = False,
 ) -> None:
     """Synthesise, write the controller and its figures.
 
     Args:
-        gap_path: gap.json; None for the nominal model alone. careful: whether that one minds the path between samples,
-            whatever the case says of its nominal-only controller.
+        gap_path: gap.json; None for the nominal model alone.
+        baseline: whether the nominal-only controller checks the path between samples, whatever the case says.
 
     Raises:
         UserError: a specification that does not fit the domain, or that no controller can meet, with the reason.
     """
     context = Context.load(case_path)
     record = provenance("synthesis", context.case, context.folder, rests=CONTROLLED[1:] if gap_path is not None else ())
-    if careful:
+    if baseline:
         context = path_aware_baseline(context)
     with context.blame():
         affordable(context, [cost for cost in costs(context) if cost.stage == "synthesis"])
@@ -100,7 +100,12 @@ def run(
 
 
 def _solved(
-    context: Context, problem: Problem, gap_path: Path | None, record: dict[str, Any], summary: Path, threads: int
+    context: Context,
+    problem: SynthesisProblem,
+    gap_path: Path | None,
+    record: dict[str, Any],
+    summary: Path,
+    threads: int,
 ) -> Solution:
     """The solution; where there is none, why: as a block of the log, in the summary and on a page beside it.
 
@@ -110,7 +115,7 @@ def _solved(
     try:
         return synthesise(problem, threads)
     except EmptyDomain as error:
-        found = explain(problem, _retimed(context), threads, error.alone, _parts(context, gap_path))
+        found = explain(problem, _retimed(context), threads, _parts(context, gap_path))
         for line in found.block():
             log.warning("%s", line)
         model = "with gap" if problem.gap is not None else "nominal"
@@ -120,12 +125,12 @@ def _solved(
         page = summary.with_name("empty.html")
         write_text(page, render(EMPTY_PAGE, title=context.case.title or context.case.name, found=found, model=model))
         raise EmptyDomain(
-            error.problem, file=error.file, key=error.key, remedy=f"{error.remedy}. {found.sentence} See {page}"
+            f"{error.problem}: {found.sentence.rstrip('.')}", file=error.file, key=error.key, remedy=f"See {page}"
         ) from None
 
 
 def _parts(context: Context, gap_path: Path | None) -> dict[str, GammaParts]:
-    """Of each state, what its gamma is made of; nothing for a bound over hidden state or for the model alone."""
+    """Parts of the gamma of each state; nothing for a bound over hidden state or for the model alone."""
     section = context.case.gap
     dimensions = read_json(gap_path).get("dimensions") or [] if gap_path is not None and section is not None else []
     late = [e for e in context.plant.effects if effect(e.name).remembers]
@@ -169,11 +174,11 @@ def _by_state(context: Context, between: Floats) -> dict[str, float]:
     return dict(zip(context.states, between.tolist(), strict=True)) if np.isfinite(between).all() else {}
 
 
-def _clearance(problem: Problem) -> str | None:
+def _clearance(problem: SynthesisProblem) -> str | None:
     return "clearance" if problem.stray is not None else None
 
 
-def after_inflation(problem: Problem, solution: Solution, between: Floats) -> float | None:
+def after_inflation(problem: SynthesisProblem, solution: Solution, between: Floats) -> float | None:
     """Share of winning cells among those that also keep clear of everything by `between`, (2, nx).
 
     That is what may happen between samples.
@@ -184,10 +189,10 @@ def after_inflation(problem: Problem, solution: Solution, between: Floats) -> fl
     return float((solution.winning & free).sum() / max(1, free.sum()))
 
 
-def pose_problem(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
+def pose_problem(context: Context, gap_path: Path | None) -> tuple[SynthesisProblem, Floats]:
     """The synthesis problem of a case, and how far a path may stray from its samples and beyond walls, (2, nx).
 
-    The controller made with the gap minds the path between samples; that of the nominal model alone only if asked to.
+    The gap-aware controller checks the path between samples; the nominal-only one where the case says so.
     """
     section = context.need(context.case.synthesis, "synthesis")
     if section.record == "one" and section.rule != "least_effort":
@@ -211,7 +216,7 @@ def pose_problem(context: Context, gap_path: Path | None) -> tuple[Problem, Floa
     spread = np.array([s.size for s in gap.sup().values()]) if gap is not None and swept is None else np.zeros(model.nx)
     needed = on_the_path and swept is None
     between = _between(context, flow, specification.region(space), spread / model.tau, needed)
-    problem = Problem(
+    problem = SynthesisProblem(
         model=model,
         specification=specification,
         space=space,
@@ -232,7 +237,7 @@ def pose_problem(context: Context, gap_path: Path | None) -> tuple[Problem, Floa
     return problem, between
 
 
-def _previous(context: Context, problem: Problem, bound: SavedGap, gap: BodyFrameGap) -> PreviousBounds:
+def _previous(context: Context, problem: SynthesisProblem, bound: SavedGap, gap: BodyFrameGap) -> PreviousBounds:
     """The bound and the swept cells after each class of the previous input."""
     classes = gap.classes
     gaps = tuple(gap.after(c) for c in range(classes.count))
@@ -271,10 +276,9 @@ def _swept(context: Context, model: NominalModel, bound: SavedGap | None) -> tup
         return None
     if bound is not None:
         return bound.swept
-    pose_problem = pose_axes(context)
     every, rest = context.input_set, np.zeros(model.nx)
     path, bulge = nominal_paths(
         context.plant.carried, context.case.plant.integrator, model.tau, rest, every, PATH_POINTS
     )
-    extent = BodySamples.of_paths(np.arange(len(path)), path[..., list(pose_problem)]).extent
+    extent = BodySamples.of_paths(np.arange(len(path)), path[..., list(pose_axes(context))]).extent
     return extent[:, [0, 2]] - bulge, extent[:, [1, 3]] + bulge

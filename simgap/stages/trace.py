@@ -8,12 +8,12 @@ from simgap.io.traces import split
 from simgap.plants.context import Context
 from simgap.report.recording import recording_content
 from simgap.stages import log
-from simgap.stages.arguments import CasePath, NominalController, Out, RobustController, Traces
+from simgap.stages.arguments import CasePath, GapAwareController, NominalController, Out, Traces
 from simgap.stages.gap_inputs import read_table
 
 
 def run(
-    case_path: CasePath, nominal: NominalController, robust: RobustController, traces_path: Traces, out: Out
+    case_path: CasePath, nominal: NominalController, gap_aware: GapAwareController, traces_path: Traces, out: Out
 ) -> None:
     """Write the recording of a case and read it back.
 
@@ -24,7 +24,9 @@ def run(
     context = Context.load(case_path)
     with context.blame():
         traces = split(read_table(context, traces_path, "validation"), context.states, context.inputs)
-        content = recording_content(context, traces, load_domain_of(nominal, context), load_domain_of(robust, context))
+        content = recording_content(
+            context, traces, load_domain_of(nominal, context), load_domain_of(gap_aware, context)
+        )
     write_recording(out, content)
     count = verify(out, traces, context.states, context.inputs)
     log.info("recorded %d runs; %d values read back and equal to the table", len(traces), count)

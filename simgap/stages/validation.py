@@ -23,7 +23,7 @@ from simgap.io.documents import write_json
 from simgap.io.gap_file import load_gap
 from simgap.io.parquet import write_parquet
 from simgap.io.shared_solution import SharedSolution, scratch_folder
-from simgap.io.traces import CAREFUL, MODEL, NOMINAL, ROBUST, SIMULATOR, Trace, to_table
+from simgap.io.traces import BASELINE, GAP_AWARE, MODEL, NOMINAL, SIMULATOR, Trace, to_table
 from simgap.judge import Judge
 from simgap.late import pyarrow as pa
 from simgap.plants.context import Context
@@ -33,7 +33,7 @@ from simgap.specifications.base import specification_of
 from simgap.specifications.monitor import Run, Verdict
 from simgap.specifications.space import Space
 from simgap.stages import log
-from simgap.stages.arguments import CasePath, Gap, HowMany, NominalController, Option, Out, RobustController, Workers
+from simgap.stages.arguments import CasePath, Gap, GapAwareController, HowMany, NominalController, Option, Out, Workers
 from simgap.synthesis.controller import Controller
 
 CHUNK = 50  # runs a worker does between two signs of life
@@ -43,20 +43,20 @@ TABLES = ".tables"  # folder beside the traces
 def run(
     case_path: CasePath,
     nominal: NominalController,
-    robust: RobustController,
+    gap_aware: GapAwareController,
     gap_path: Gap,
     out: Out,
     traces: Annotated[Path, Option("File for the traces that are kept (Parquet).")],
     workers: Workers = 2,
     engine_log: Path | None = None,
-    careful: Annotated[Path | None, Option("Controller of the fair baseline.")] = None,
+    baseline: Annotated[Path | None, Option("Controller of the fair baseline.")] = None,
     trials: HowMany = Trials.PLAIN,
 ) -> None:
     """Run both controllers from the same starts, audit every step, keep a few traces.
 
     Args:
         trials: how many starts, where the case does not say it.
-        careful: a controller of the nominal model that minds the path between samples, to run too; no trace is kept.
+        baseline: a controller of the nominal model that checks the path between samples, to run too; no trace is kept.
 
     Raises:
         BrokenPromise: if the gap-aware controller violates anything in the simulator.
@@ -70,11 +70,11 @@ def run(
     tallies: dict[str, dict[str, Any]] = {}
     parts: list[pa.Table] = []
     shown: dict[int, Verdict] = {}  # by the nominal-only controller's runs in the simulator: the same starts for all
-    paths = {NOMINAL: nominal, ROBUST: robust} | ({CAREFUL: careful} if careful is not None else {})
+    paths = {NOMINAL: nominal, GAP_AWARE: gap_aware} | ({BASELINE: baseline} if baseline is not None else {})
     controllers = {kind: load_controller_of(path, context) for kind, path in paths.items()}
     with context.blame():
-        others = {kind: one for kind, one in controllers.items() if kind != ROBUST}
-        begin = starts_by_kind(context, section, controllers[ROBUST], others, trials)
+        others = {kind: one for kind, one in controllers.items() if kind != GAP_AWARE}
+        begin = starts_by_kind(context, section, controllers[GAP_AWARE], others, trials)
     # A robot's table of inputs is a gigabyte: it is read and checked once, and the workers map what they look at. All
     # runs are given to them at once, so that they are started once and none waits for those of another controller.
     with scratch_folder(traces.parent / TABLES) as folder, engine_pool(workers, engine_log) as pool:
@@ -88,20 +88,20 @@ def run(
                 (SIMULATOR, _simulated(jobs[kind], len(begin[kind].x))),
                 (MODEL, batch_loop(model.step, controller, begin[kind].x, section.steps, monitor)),
             ):
-                own = proven if (kind, plant) == (ROBUST, SIMULATOR) else judge
+                own = proven if (kind, plant) == (GAP_AWARE, SIMULATOR) else judge
                 figures, kept = own.count(runs, begin[kind].numbers.tolist(), section.kept, shown)
                 shown = shown or kept
                 tallies.setdefault(kind, {})[plant] = figures
                 log.info("%s controller, %s: %s", kind, plant, _short(figures))
                 names = context.states, context.inputs, context.units
                 about = {"case": context.case.name, "controller": kind, "plant": plant}
-                if kind == CAREFUL:
+                if kind == BASELINE:
                     continue
                 parts += [to_table(trace_of(judge, about, k, v), *names, about, record) for k, v in kept.items()]
     write_parquet(traces, pa.concat_tables(parts).unify_dictionaries())
     counts = {"trials": trials.value, "starts": section.count(trials), "steps": section.steps}
     write_json(out, counts | {"controllers": tallies, "provenance": record})
-    keep_promise(tallies[ROBUST][SIMULATOR], tolerated_share(context.case))
+    keep_promise(tallies[GAP_AWARE][SIMULATOR], tolerated_share(context.case))
 
 
 def tolerated_share(case: Case) -> float:
@@ -215,7 +215,7 @@ def starts(context: Context, section: ValidationSection, controller: Controller,
 def starts_by_kind(
     context: Context,
     section: ValidationSection,
-    robust: Controller,
+    gap_aware: Controller,
     others: Mapping[str, Controller],
     trials: Trials = Trials.PLAIN,
 ) -> dict[str, StartStates]:
@@ -226,8 +226,8 @@ def starts_by_kind(
     Raises:
         UserError: as `starts` does.
     """
-    own, most = starts(context, section, robust, section.count(trials)), section.baseline_count(trials)
-    begin = {ROBUST: StartStates(own, np.arange(len(own)))}
+    own, most = starts(context, section, gap_aware, section.count(trials)), section.baseline_count(trials)
+    begin = {GAP_AWARE: StartStates(own, np.arange(len(own)))}
     for kind, other in others.items():
         shared = np.flatnonzero(other.contains(own))[:most]
         apart = starts(context, section, other, most) if not len(shared) else own[:0]

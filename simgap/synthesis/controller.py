@@ -111,7 +111,9 @@ class Controller:
             raise UserError(
                 f"a state must be finite numbers, not {points[~np.isfinite(points).all(axis=1)][0].tolist()}"
             )
-        far = np.any(np.abs(points - self.grid.box.lo) >= FARTHEST * 2.0 * self.grid.h, axis=1, keepdims=True)
+        with np.errstate(over="ignore"):  # the operations of an export, in their order: both agree on every bit
+            place = (points - self.grid.box.lo) / (2.0 * self.grid.h)
+        far = np.any(np.abs(place) >= FARTHEST, axis=1, keepdims=True)
         return np.where(far[:, 0], -1, self.grid.index(np.where(far, self.grid.box.lo, points)))
 
     def rows(self, x: ArrayLike, pending: ArrayLike | None = None) -> Ints:
@@ -141,7 +143,10 @@ class Controller:
         """
         m = int(self._of_one(x, self.lookup(x, pending)))
         if m < 0:
-            raise BrokenPromise(f"the controller has no input at {np.asarray(x).tolist()}", "Ask `contains` first.")
+            raise BrokenPromise(
+                f"the controller has no input at {np.asarray(x).tolist()}",
+                "Where `lookup` gives -1 there is none.",
+            )
         return self.input_set[m].copy()
 
     def inputs(self, x: ArrayLike, pending: int | None = None) -> Floats:
@@ -160,7 +165,7 @@ class Controller:
         return np.int64(answers[0])
 
     def contains(self, x: ArrayLike) -> Bools:
-        """True where measured states are in the winning domain: (n, nx) -> (n,)."""
+        """True where a run may start, in the winning domain: measured states (n, nx) -> (n,)."""
         cells = self.cell(x)
         return np.where(cells >= 0, self.solution.winning[cells], False)
 

@@ -18,8 +18,9 @@ import numpy as np
 from simgap.errors import UserError
 from simgap.late import njit, numba
 from simgap.model.sampled import NominalModel
+from simgap.notation import joined
 from simgap.synthesis.abstraction.post import Kernel, no_gap
-from simgap.synthesis.synthesise import Problem, extremes
+from simgap.synthesis.synthesise import SynthesisProblem
 
 SAMPLED = 2_000
 """Cells that are looked at one by one."""
@@ -71,7 +72,7 @@ class Attempt:
 
 
 @dataclass(frozen=True)
-class Explanation:
+class EmptyDomainExplanation:
     """Explanation of an empty winning domain.
 
     Attributes:
@@ -107,7 +108,7 @@ class Explanation:
 
 @dataclass(frozen=True)
 class GammaParts:
-    """What the largest gamma of a state is made of, in its unit.
+    """Parts of the largest gamma of a state, in its unit.
 
     Attributes:
         sampled: largest gap at a sample; whole: largest bound over all states; remainder: what measured data leave.
@@ -139,39 +140,37 @@ class GammaParts:
 
 
 def explain(
-    problem: Problem,
+    problem: SynthesisProblem,
     retimed: Callable[[float], NominalModel] | None = None,
     threads: int = 1,
-    alone: float | None = None,
     parts: Mapping[str, GammaParts] | None = None,
-) -> Explanation:
+) -> EmptyDomainExplanation:
     """The reasons of a problem whose winning domain is empty.
 
     Args:
         problem: the problem.
         retimed: the nominal model at so many times the sampling time; None where it has no other.
         threads: for the kernels.
-        alone: share that the nominal model alone wins on the cells of the problem, None where nobody knows.
         parts: state -> what its gamma is made of, where that is known.
     """
     axes = axis_numbers(problem)
-    tries = tuple(_tries(problem, retimed, threads, alone))
+    tries = tuple(_tries(problem, retimed, threads))
     first = max(axes, key=lambda a: (a.leaves, a.spans / max(a.moves / a.cell, 1e-9))).state
     cause, sentence = _verdict(problem, first, tries)
     if cause == "gap":
         widest = max(axes, key=lambda a: a.gamma_width / max(a.moves, 1e-300)).state
         known = (parts or {}).get(widest)
         sentence += f" {known.words(widest) if known is not None else _NARROWER}"
-    return Explanation(cause, sentence, first, axes, tries)
+    return EmptyDomainExplanation(cause, sentence, first, axes, tries)
 
 
-def axis_numbers(problem: Problem) -> tuple[AxisNumbers, ...]:
+def axis_numbers(problem: SynthesisProblem) -> tuple[AxisNumbers, ...]:
     """Numbers of one step for each state, from cells spread evenly over the grid."""
     grid, inputs = problem.grid, problem.inputs
     cells = np.unique(np.linspace(0, grid.size - 1, min(SAMPLED, grid.size)).astype(np.int64))
     centres, gap = grid.centres()[cells], problem.gap or no_gap
     steps = np.zeros((len(centres), grid.box.size, 4))
-    extremes(problem.model.kernel, gap, centres, inputs, steps)
+    _extremes(problem.model.kernel, gap, centres, inputs, steps)
     widest = np.zeros((grid.box.size, 2))
     _widest(gap, centres, np.array(grid.h), inputs, widest)
     boxes = replace(problem, swept=None).abstraction().boxes(cells)
@@ -191,17 +190,14 @@ def axis_numbers(problem: Problem) -> tuple[AxisNumbers, ...]:
 
 
 def _tries(
-    problem: Problem, retimed: Callable[[float], NominalModel] | None, threads: int, known: float | None
+    problem: SynthesisProblem, retimed: Callable[[float], NominalModel] | None, threads: int
 ) -> Iterator[Attempt]:
     """Finer cells and narrower gaps as far as the budget goes; the path between samples is left aside."""
     plain = replace(problem, swept=None, stray=None, previous=None, latency=0, error=None)
     alone = replace(plain, gap=None)
     finer = _finer(problem.cells, len(problem.inputs))
-    for k, cells in enumerate(finer):
-        if k == 0 and known is not None:
-            yield Attempt(NOMINAL, "synthesis.cells", False, cells, known)
-        else:
-            yield _tried(NOMINAL, "synthesis.cells", False, replace(alone, cells=cells), threads)
+    for cells in finer:
+        yield _tried(NOMINAL, "synthesis.cells", False, replace(alone, cells=cells), threads)
     if problem.gap is not None:
         for cells in finer:
             yield _tried("with the gap", "synthesis.cells", True, replace(plain, cells=cells), threads)
@@ -214,7 +210,7 @@ def _tries(
         yield _tried(f"{NOMINAL}, {times:g} times tau", "domain.tau", False, own, threads)
 
 
-def _tried(what: str, key: str, with_gap: bool, problem: Problem, threads: int) -> Attempt:
+def _tried(what: str, key: str, with_gap: bool, problem: SynthesisProblem, threads: int) -> Attempt:
     try:
         solution = problem.specification.solve(problem.game(threads))
     except UserError:  # sets that these cells cannot express
@@ -224,8 +220,8 @@ def _tried(what: str, key: str, with_gap: bool, problem: Problem, threads: int) 
 
 def _finer(cells: Sequence[int], inputs: int) -> list[tuple[int, ...]]:
     """The cells that were asked for, then `GROWTH` times as many from one to the next while they are affordable."""
-    asked = math.prod(cells) * inputs
-    most = max(PAIRS, min(1.3 * GROWTH * asked, MOST_PAIRS))
+    pairs = math.prod(cells) * inputs
+    most = max(PAIRS, min(1.3 * GROWTH * pairs, MOST_PAIRS))
     found = [tuple(cells)]
     for k in range(1, ROUNDS):
         more = tuple(math.ceil(c * GROWTH ** (k / len(cells))) for c in cells)
@@ -235,7 +231,7 @@ def _finer(cells: Sequence[int], inputs: int) -> list[tuple[int, ...]]:
     return found
 
 
-def _verdict(problem: Problem, first: str, tries: Sequence[Attempt]) -> tuple[str, str]:
+def _verdict(problem: SynthesisProblem, first: str, tries: Sequence[Attempt]) -> tuple[str, str]:
     alone = [t for t in tries if t.key == "synthesis.cells" and not t.with_gap]
     gapped = [t for t in tries if t.key == "synthesis.cells" and t.with_gap]
     narrow, other = ([t for t in tries if t.key == key and t.wins > 0] for key in ("gap", "domain.tau"))
@@ -253,12 +249,12 @@ def _verdict(problem: Problem, first: str, tries: Sequence[Attempt]) -> tuple[st
         if math.prod(better.cells) > math.prod(problem.cells):
             needed = " x ".join(map(str, better.cells))
             return "cells", f"{run_out}. The cells are too large: {needed} of them win {better.wins:.3g}."
-        blurred = problem.error is not None or problem.latency > 0
-        cause = "sensing" if blurred else "between_samples"
-        what = "what the controller does not know of the state" if blurred else "the path between samples"
+        known = ["the measurement error"] * (problem.error is not None) + ["the latency of 1 sample"] * problem.latency
+        what = joined(known) or "the path between samples"
         return (
-            cause,
-            f"{run_out}. At sampling instants and with a perfect measurement {better.wins:.3g} wins: {what} is.",
+            "sensing" if known else "between_samples",
+            f"{run_out}. At sampling instants and with a perfect measurement {better.wins:.3g} wins; "
+            f"the rest is lost to {what}.",
         )
     helps = f"; with {narrow[0].what.removeprefix('with ')} it wins {narrow[0].wins:.3g}" if narrow else ""
     return "gap", f"{run_out}. The gap is the reason: the nominal model alone wins {won.wins:.3g}{helps}."
@@ -276,6 +272,23 @@ def _narrowed(gap: Kernel, share: float) -> Kernel:
 
     found: Kernel = narrowed
     return found
+
+
+@njit(error_model="numpy")
+def _extremes(kernel, gap, centres, inputs, out):  # type: ignore[no-untyped-def]
+    """Per centre and dimension over U: least and largest f_i - x_i, then the least -lo_i and hi_i of the gap."""
+    n = centres.shape[1]
+    lo, hi = np.empty(n), np.empty(n)
+    for c in range(centres.shape[0]):
+        for j in range(n):
+            out[c, j, 0], out[c, j, 1], out[c, j, 2], out[c, j, 3] = np.inf, -np.inf, np.inf, np.inf
+        for m in range(inputs.shape[0]):
+            value = kernel(centres[c], inputs[m])
+            gap(centres[c], centres[c], inputs[m], lo, hi)
+            for j in range(n):
+                step = value[j] - centres[c, j]
+                out[c, j, 0], out[c, j, 1] = min(out[c, j, 0], step), max(out[c, j, 1], step)
+                out[c, j, 2], out[c, j, 3] = min(out[c, j, 2], -lo[j]), min(out[c, j, 3], hi[j])
 
 
 @njit(error_model="numpy")

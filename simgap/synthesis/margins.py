@@ -1,7 +1,7 @@
 """One-step margins: by how much gamma could grow at a winning cell before no admissible input keeps it there.
 
 With gamma = [lo, hi] over the cell, half-width w = (hi - lo) / 2, and an admissible input m, the successor box of the
-cell is that of f, moved by lo and hi (`product`). The margin of a cell is
+cell is that of f, moved by lo and hi (`post`). The margin of a cell is
 
     factor    = max over m of the largest s such that the box, grown by (s - 1) w on both sides along every axis,
     extra_i   = max over m of the largest e such that the box, grown by e on both sides along axis i alone,

@@ -25,7 +25,7 @@ from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import symbol
 from simgap.specifications.invariance import Invariance
 from simgap.specifications.space import Space
-from simgap.synthesis.synthesise import Problem, synthesise
+from simgap.synthesis.synthesise import SynthesisProblem, synthesise
 from tests.checker.checker_runs import CHECKER, change, run
 from tests.gap.fit_in_memory import GapSamples, fit_gap
 
@@ -51,7 +51,7 @@ def pendulum(periodic=(), safe=None, shape=SHAPE):
     bound = fit_gap(samples, GapSection(basis=basis, lipschitz=LipschitzSection(extreme_value=False))).function
     specification = Invariance(kind="invariance", safe={"x1": (-0.2, 0.2), "x2": (-0.5, 0.5)} | (safe or {}))
     space = Space(("x1", "x2"), box, periodic)
-    solution = synthesise(Problem(model, specification, space, shape, U, bound.kernel()))
+    solution = synthesise(SynthesisProblem(model, specification, space, shape, U, bound.kernel()))
     units = {"x1": "rad", "x2": "rad/s", "u": "N*m"}
     return Certified("small", units, model, bound, known, solution, U, ["u"], specification.region(space))
 

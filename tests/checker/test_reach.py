@@ -19,7 +19,7 @@ from simgap.specifications.reach_avoid import ReachAvoid
 from simgap.specifications.space import Space
 from simgap.synthesis.abstraction.swept import planar_swept_cells
 from simgap.synthesis.games.game import PreviousBounds
-from simgap.synthesis.synthesise import Problem, synthesise
+from simgap.synthesis.synthesise import SynthesisProblem, synthesise
 from tests.checker.checker_runs import change, run
 from tests.synthesis.synthesis_plants import unicycle
 
@@ -48,7 +48,7 @@ def made_of(classes, arena, swept=True, one=False):
         np.concatenate([way[0] - 0.03 * wide, -side], axis=2),
         np.concatenate([way[1] + 0.03 * wide, side], axis=2),
     )
-    problem = Problem(model, specification, SPACE, SHAPE, U, bound.kernel(), [2], one=one)
+    problem = SynthesisProblem(model, specification, SPACE, SHAPE, U, bound.kernel(), [2], one=one)
     stray = None if swept else np.array([[0.05, 0.05, 0.1], [0.02, 0.03, 0.1]])  # from obstacles, and from walls
     if swept:
         every = planar_swept_cells(problem.grid, boxes[0].min(axis=0), boxes[1].max(axis=0))

@@ -10,6 +10,7 @@ from simgap.config.case import schema_text
 from simgap.config.load import load_case, read_yaml
 from simgap.config.measured import MeasuredSection
 from simgap.errors import UserError
+from simgap.geometry import Box, Grid
 from simgap.stages.reference import reference
 
 
@@ -100,6 +101,8 @@ MISTAKES = {
     "eps not positive": ({"grid.eps": 0}, (), "grid.eps", "must be above 0"),
     "empty U": ({"domain.U.u": {"values": []}}, (), "domain.U.u", "empty"),
     "U upside down": ({"domain.U.u": {"min": 1, "max": -1, "step": 0.1}}, (), "domain.U.u", "empty"),
+    "step too small": ({"domain.U.u": {"min": -1, "max": 1, "step": 1e-300}}, (), "domain.U.u", "can be counted"),
+    "U too wide": ({"domain.U.u": {"min": -1e308, "max": 1e308, "step": 1e308}}, (), "domain.U.u", "can be counted"),
     "state without a box": ({}, ("domain.X.x2",), "domain.X", "x2"),
 }
 
@@ -115,6 +118,12 @@ def test_mistakes_are_one_line_with_file_and_key(vary, mistake):
     assert str(path) in text
     assert key in text
     assert word in text
+
+
+@pytest.mark.parametrize(("x1", "eps"), [((-1e308, 1e308), 0.1), ((-1e307, 1e307), 0.1), ((-0.2, 0.2), 1e-300)])
+def test_cells_that_cannot_be_counted_are_refused(x1, eps):
+    with pytest.raises(UserError, match=r"grid\.eps: .* too many to count"):
+        Grid.covering(Box([x1[0], 0.0], [x1[1], 1.0]), eps)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from simgap import units
-from simgap.diagnosis.diagnose import diagnose
+from simgap.diagnosis.diagnose import diagnose_mended
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.search import columns
@@ -91,7 +91,9 @@ def test_units_that_cannot_be_right_are_not_fitted_to_the_end(monkeypatch):
 
     monkeypatch.setattr(columns, "fit", counted)
     settings = DiagnosisSettings(effects=("coulomb_friction", "viscous_friction", "input_bias", "input_gain"))
-    d = diagnose(block(), _driven(1e3), settings)
+    d, mended = diagnose_mended(block(), _driven(1e3), settings)
     assert [f.fault for f in d.recording] == ["wrong_unit"]
+    sizes = [float(np.abs(record.traces[0].y).max()) for record in (mended, _driven(1e3))]
+    assert sizes[0] < 0.1 * sizes[1]  # what the pictures show is mended
     assert [e.name for e in d.effects] == ["coulomb_friction"]
     assert len(set(long)) <= 3  # of seven possibilities

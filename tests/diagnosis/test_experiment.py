@@ -9,17 +9,17 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
-from simgap.diagnosis.experiment.ask import Question, as_usable, ask, halves, shortest, windows_to_come
-from simgap.diagnosis.experiment.beside import beside
-from simgap.diagnosis.experiment.propose import Wave, random_wave, tried, waves
-from simgap.diagnosis.experiment.rivals import known_rivals, margins
-from simgap.diagnosis.experiment.words import paragraph
 from simgap.diagnosis.record.conditions import conditioned
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.simulation.parts import parts_of
 from simgap.effects import AppliedEffect
 from simgap.excitation import multisine
+from simgap.extras.experiment.ask import Question, as_usable, ask, halves, shortest, windows_to_come
+from simgap.extras.experiment.beside import beside
+from simgap.extras.experiment.propose import Wave, random_wave, tried, waves
+from simgap.extras.experiment.rivals import known_rivals, margins
+from simgap.extras.experiment.words import paragraph
 from simgap.geometry import Box
 from simgap.model.symbolic import Coordinate, NamedParameter, Parameter, SymbolicModel, Variable, symbol
 

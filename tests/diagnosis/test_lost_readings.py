@@ -96,6 +96,21 @@ def test_errors_ahead_are_told_of_a_plant_that_is_read_50000_times_a_second():
     assert len(ahead.error) > 20
 
 
+@pytest.mark.parametrize("lost", [0.0, 0.5])
+def test_a_prediction_that_ends_where_nothing_was_read_is_no_prediction(lost):
+    """A block at rest misses by the noise that is expected of it, whether or not half of the readings are lost."""
+    model = cached_supermodel(block(), ("q",))
+    t, rng = np.arange(4000) / 100.0, np.random.default_rng(12)
+    used = (rng.random((4000, 1)) >= lost).astype(float)
+    record = Record((Trace("a", t, 1e-3 * rng.standard_normal((4000, 1)), np.zeros((4000, 1)), used),), ("q",), ("u",))
+    start = np.arange(0, 4000, 100, dtype=np.int64)
+    windows = Windows(start, start + 100, np.zeros(40, dtype=np.int64), np.zeros(40, dtype=np.int64))
+    found = horizon_error(build_problem(model, record, windows, np.array([1e-3])), model.null, 0.2)
+    assert found is not None
+    assert len(found.error) > 500
+    assert float(found.rmse[0]) == pytest.approx(float(found.floor[0]), rel=0.15)
+
+
 def _swinging(rate: float = 200.0, seconds: float = 20.0, seed: int = 40) -> tuple[np.ndarray, np.ndarray]:
     """Stamps and readings of a motion of 150 mm with noise of 0.3 mm."""
     t = np.arange(round(seconds * rate)) / rate

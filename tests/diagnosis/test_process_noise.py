@@ -45,7 +45,12 @@ def windows(force, rng):
     table, t = np.array(rows), DT * np.arange(len(rows))
     read = table[:, :1] + NOISE * rng.standard_normal((len(t), 1))
     cuts = [slice(a, a + 200) for a in range(0, len(t), 200)]
-    return [WindowPrediction("run", True, t[s], read[s], read[s], read[s], table[s, :2], table[s, 2:]) for s in cuts]
+    return [
+        WindowPrediction(
+            "run", True, t[s], read[s], read[s], read[s], table[s, :2], table[s, 2:], np.ones_like(read[s])
+        )
+        for s in cuts
+    ]
 
 
 def rate(x, u, more):

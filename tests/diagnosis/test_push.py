@@ -78,6 +78,23 @@ def test_a_push_that_began_where_other_data_were_is_one_wherever_it_went():
     assert [e.name for e in d.effects] == ["coulomb_friction"]
 
 
+@pytest.mark.parametrize("at", [3.02, 5.94])
+def test_a_push_beside_the_edge_of_a_window_is_one(at):
+    """What is left of the window beside it is too short for an initial state of its own."""
+    d = _answer(_run(1, ((at, 20.0),)), _run(2), _run(4))
+    assert [f.fault for f in d.recording] == ["push"]
+    assert d.verdict == "attributed"
+    assert d.effects[0].parameters["F_c"].value == pytest.approx(FRICTION, rel=0.01)
+
+
+def test_pushes_in_what_confirms_do_not_hide_what_is_missing():
+    """Two of its ten seconds are thrown: what nobody predicts is as improbable with friction as without."""
+    d = _answer(_run(1, ((3.02, 20.0),)), _run(2), _run(4, ((2.3, 20.0), (6.4, -20.0))))
+    assert [e.name for e in d.effects] == ["coulomb_friction"]
+    assert d.verdict == "partial"
+    assert d.effects[0].parameters["F_c"].value == pytest.approx(FRICTION, rel=0.02)
+
+
 @pytest.mark.parametrize("at", [0.0, 9.85])
 def test_a_push_at_the_start_or_end_of_a_run_is_one(at):
     """Nothing before the start says when it left the prediction; but it flies on, and needs nothing more there."""
@@ -184,6 +201,15 @@ def test_windows_are_cut_where_a_push_begins():
     assert cut.start.tolist() == [0, 30, 41, 100, 150, 190]
     assert cut.stop.tolist() == [30, 41, 100, 150, 190, 200]
     assert cut.trace.tolist() == [0, 0, 0, 1, 1, 1]
+
+
+def test_a_part_too_short_for_a_fit_goes_where_it_is_of_a_push_and_stays_where_it_is_not():
+    t = np.arange(100) * 0.01
+    whole = Windows(*(np.array([k]) for k in (0, 100, 0, 0)))
+    at_the_start = cut_at(whole, t, ((0, 0.0, 0.055),))
+    assert (at_the_start.start.tolist(), at_the_start.stop.tolist()) == ([6], [100])
+    beside_it = cut_at(whole, t, ((0, 0.03, 0.4),))
+    assert (beside_it.start.tolist(), beside_it.stop.tolist()) == ([0, 40], [40, 100])
 
 
 def _stopped(seed: int, stop: float, force: float = 3000.0) -> Trace:

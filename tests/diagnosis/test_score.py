@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
+from simgap.diagnosis.confirming import is_borne_out
 from simgap.diagnosis.verdict.score import Errors, Gain, gained
 from simgap.diagnosis.verdict.transfer import preferred_of
 
@@ -53,8 +54,19 @@ def test_the_scale_is_of_other_blocks_than_those_scored():
     """By hand: one block that misses ten times as far is as improbable as the others say."""
     size = np.concatenate([np.tile([1.0, -1.0], 90), np.tile([10.0, -10.0], 10)])[:, None]
     density = Errors(size, np.repeat(np.arange(10), 20)).density()
-    scale = 1.0  # of the t with 4 degrees of freedom that fits sizes of 1 alone: 5 / (4 + 1) = 1
-    assert density[-1] == pytest.approx(student.logpdf(10.0, 4) - math.log(scale), rel=1e-3)
+    usual = student.pdf(10.0, 4)  # of scale 1, that of a t with 4 degrees of freedom that fits sizes of 1: 5 / (4 + 1)
+    gross = 1.0 / (2.0 * 10.0 * (1.0 + 6.0 * math.log(10.0)))  # of any size: each of six decades as likely
+    assert density[-1] == pytest.approx(math.log(0.999 * usual + 0.001 * gross), rel=1e-3)
+
+
+def test_a_quarter_of_the_blocks_that_nobody_predicts_does_not_hide_what_the_others_gain():
+    """A model that predicts the rest ten times better does not pay for it where both miss by hundreds of the noise."""
+    rng, pushes = np.random.default_rng(10), np.zeros(40)
+    pushes[::4] = 300.0
+    before, after = (_errors(rng, s, np.repeat(pushes, 25)) for s in (10.0, 1.0))
+    found = gained(before.density(), after.density())
+    assert found.sure
+    assert found.nats > 0.6 * math.log(10.0)  # three quarters of the blocks are no push
 
 
 def test_of_a_single_block_nothing_is_sure():
@@ -103,3 +115,21 @@ def test_where_nothing_is_predicted_the_fits_decide(nothing):
 def test_a_set_whose_prediction_is_no_number_is_not_chosen_beside_one_that_predicts(broken):
     away = np.array([0.5, broken, 0.5])
     assert preferred_of([np.zeros(3), away, np.ones(3)], (0, 1, 2), (900.0, 10.0, 10.0), (1, 2)) == [2]
+
+
+def test_a_single_block_bears_out_what_gets_smaller_in_it_and_is_sure_of_nothing():
+    rng = np.random.default_rng(11)
+    large, small = (_errors(rng, s, np.zeros(25), 1) for s in (3.0, 1.0))
+    assert is_borne_out(large, small)
+    assert not is_borne_out(small, large)
+    assert not is_borne_out(large, large)
+    assert not gained(large.density(), small.density()).sure
+
+
+def test_a_channel_that_is_predicted_worse_is_not_hidden_by_one_that_is_better():
+    rng, none = np.random.default_rng(13), np.zeros(200)
+    first, second = ([_errors(rng, s, none, 8) for s in sizes] for sizes in ((3.0, 0.3), (1.0, 1.5)))
+    both = [Errors(np.hstack([a.size, b.size]), a.block) for a, b in zip(first, second, strict=True)]
+    assert gained(both[0].density(), both[1].density()).sure
+    assert not is_borne_out(*both)
+    assert is_borne_out(*first)

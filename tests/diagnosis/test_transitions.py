@@ -41,14 +41,14 @@ def recorded(commands, sigma=0.0, seed=0):
     states = np.array(states)
     q = states[:, :1] + sigma * np.random.default_rng(seed).standard_normal((len(states), 1))
     t = np.arange(len(states)) / RATE
-    return WindowPrediction("bench", True, t, q, q, q, states, np.asarray(commands)[:, None])
+    return WindowPrediction("bench", True, t, q, q, q, states, np.asarray(commands)[:, None], np.ones_like(q))
 
 
 def cut(window, length):
     """The same as short windows, one after another."""
     for a in range(0, len(window.t), length):
         s = slice(a, a + length)
-        rows = (window.t, window.measured, window.before, window.after, window.states, window.inputs)
+        rows = (window.t, window.measured, window.before, window.after, window.states, window.inputs, window.used)
         yield WindowPrediction(window.trace, True, *(r[s] for r in rows))
 
 
@@ -76,7 +76,7 @@ def test_commands_that_change_within_a_step_count_as_held_at_their_mean(model):
     commands = np.tile(np.linspace(-1.0, 1.0, 8), 12)
     window = recorded(commands)
     both = [WindowPrediction("bench", True, window.t, window.states, window.states, window.states, window.states,
-                             window.inputs)]  # fmt: skip
+                             window.inputs, np.ones_like(window.states))]  # fmt: skip
     found = transitions(both, ["q", "v"], model, {}, 8 / RATE)
     for start, then in zip(found.start, found.then, strict=True):
         assert start[2] == pytest.approx(0.0, abs=1e-12)
@@ -94,3 +94,17 @@ def test_only_transitions_that_begin_in_X_count(model):
     assert 0 < len(inside.start) < len(found.start)
     assert np.all(np.abs(inside.start[:, 0]) <= 0.1)
     assert len(inside.then) == len(inside.start)
+
+
+@pytest.mark.parametrize("measured", [{"q": 1e-4}, {"q": 1e-4, "v": 1e-3}])
+def test_no_transition_begins_or_ends_at_a_reading_that_is_none(model, measured):
+    """A straight line bridges what was not read: a bound must not take it for what the plant did."""
+    window = recorded(np.sin(np.arange(400) / 20.0))
+    read, used = window.states[:, : len(measured)].copy(), np.ones((400, len(measured)))
+    read[150:170], used[150:170, 0] = 7.0, 0.0
+    lost = WindowPrediction("bench", True, window.t, read, read, read, window.states, window.inputs, used)
+    known = seen([lost], measured, model)
+    found = transitions(known.windows, list(known.sigma), model, {}, 0.05)
+    assert len(found.start) > 20
+    assert np.abs(found.start[:, :2]).max() < 3.0
+    assert np.abs(found.then).max() < 3.0

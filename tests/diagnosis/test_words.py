@@ -22,6 +22,8 @@ def said(document):
         (15.02, 0.4, "15.0 ± 0.4 N m"),
         (1234.0, 35.0, "1234 ± 35 N m"),
         (15.2, 0.0, "15.2 N m"),
+        (4e-4, 3e-8, "(4.0000e-04 ± 3e-08) N m"),
+        (0.0, 3e-9, "(0e+00 ± 3e-09) N m"),
         (2.0, float("nan"), "2 N m"),
     ],
 )
@@ -184,7 +186,7 @@ SAID = {
     ),
     "sensor_offset": (
         "angle", {"offset": (0.5, 0.01, "rad")},
-        "a sensor of angle that reads 0.50 ± 0.01 rad too much", "an offset of the sensor of angle",
+        "an offset of 0.50 ± 0.01 rad of the sensor of angle", "an offset of the sensor of angle",
     ),
     "parameter_error": (
         "rod.com", {"ratio": (0.8, 0.01, "1")},

@@ -1,6 +1,7 @@
 """Controllers and models as files for others: every cell compared with a compiled header, every number by hand."""
 
 import json
+import runpy
 import shutil
 import subprocess
 import sys
@@ -15,7 +16,7 @@ from simgap.errors import UserError
 from simgap.geometry import Box, Grid
 from simgap.io.controller_file import save_controller
 from simgap.specifications.solution import Solution
-from simgap.synthesis.controller import Controller
+from simgap.synthesis.controller import FARTHEST, Controller
 from simgap.synthesis.input_sets import packed_width
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
@@ -102,6 +103,19 @@ def test_python_and_c_choose_what_the_controller_chooses(tmp_path, kind):
     assert compiled.tolist() == python.tolist()
     far = np.abs(x).max(axis=1) > 1e9  # no angle that anyone measures, though a periodic axis would wrap it into a cell
     assert (wanted[far] == -1).all()
+
+
+@pytest.mark.parametrize("count", [5, 7, 11, 100])
+def test_an_angle_is_too_far_for_all_alike(tmp_path, count):
+    grid = Grid(Box([-np.pi], [np.pi]), [count], (0,))
+    every = np.ones(count, bool)
+    solution = Solution(grid=grid, winning=every, mask=np.ones((count, 1), np.uint8), free=every)
+    controller = Controller(np.zeros((1, 1)), ("q",), ("u",), solution, "least_effort", {})
+    simgap.export_controller(controller, tmp_path / "law.py")
+    law = runpy.run_path(str(tmp_path / "law.py"))
+    ends = np.array([-1.0, 1.0]) * FARTHEST * 2.0 * grid.h - np.pi
+    x = np.concatenate([ends + k * np.spacing(ends) for k in range(-9, 10)])
+    assert controller.cell(x[:, None]).tolist() == [law["cell"]([value]) for value in x.tolist()]
 
 
 def test_the_command_says_what_the_law_takes(tmp_path, capsys):

@@ -13,7 +13,7 @@ from simgap.io import figure_style as style
 from simgap.io.controller_file import load_controller
 from simgap.io.parquet import stack
 from simgap.io.rerun.closed_loop import domains_image, to_pixels
-from simgap.io.traces import CAREFUL, NOMINAL, ROBUST, shown, split
+from simgap.io.traces import BASELINE, GAP_AWARE, NOMINAL, shown, split
 from simgap.plants.context import Context
 from simgap.report.case_figures import surroundings
 from simgap.report.figures import arena as figures_arena
@@ -36,7 +36,7 @@ def made(tmp_path_factory, root):
     folder = tmp_path_factory.mktemp("pendulum")
     example.pendulum(root, folder)
     traces = split(pq.read_table(folder / "validation/traces.parquet"), ["x1", "x2"], ["u"])
-    controllers = {kind: load_controller(folder / kind / "controller.npz") for kind in (NOMINAL, ROBUST)}
+    controllers = {kind: load_controller(folder / kind / "controller.npz") for kind in (NOMINAL, GAP_AWARE)}
     return from_json(example.read_json(folder / "gap.json")), traces, controllers, folder
 
 
@@ -73,7 +73,7 @@ def test_samples_lie_within_the_drawn_band(made):
 
 def test_trajectories_show_the_violation(made):
     _, traces, _, _ = made
-    runs = {kind: shown(traces, kind) for kind in (NOMINAL, ROBUST)}
+    runs = {kind: shown(traces, kind) for kind in (NOMINAL, GAP_AWARE)}
     safe = Box([0.0, -0.5], [0.2, 0.5])
     with style.figure_style():
         figure = figures_traces.trajectories_figure(runs, traces, safe, ["x1", "x2"], UNITS)
@@ -90,7 +90,7 @@ def test_domains_are_drawn_where_they_win(made):
     _, traces, controllers, _ = made
     with style.figure_style():
         figure = figures_domains.domains_figure(controllers, traces, UNITS)
-        for axis, kind in zip(figure.axes, (NOMINAL, ROBUST), strict=False):
+        for axis, kind in zip(figure.axes, (NOMINAL, GAP_AWARE), strict=False):
             image = axis.images[0].get_array()
             winning = controllers[kind].solution.winning.reshape(controllers[kind].grid.cells)
             np.testing.assert_array_equal(~np.ma.getmaskarray(image), winning.T)
@@ -99,12 +99,12 @@ def test_domains_are_drawn_where_they_win(made):
 
 def test_the_image_of_the_recording_agrees_with_the_controllers(made):
     _, _, controllers, _ = made
-    image = domains_image(controllers[ROBUST], controllers[NOMINAL])
-    grid = controllers[ROBUST].grid
+    image = domains_image(controllers[GAP_AWARE], controllers[NOMINAL])
+    grid = controllers[GAP_AWARE].grid
     rng = np.random.default_rng(5)
     for x in grid.box.sample(rng, 50):
         column, row = np.floor(to_pixels(x[None], grid.box, image.shape[:2])[0]).astype(int)
-        both = [bool(controllers[kind].contains(x)[0]) for kind in (ROBUST, NOMINAL)]
+        both = [bool(controllers[kind].contains(x)[0]) for kind in (GAP_AWARE, NOMINAL)]
         expected = {(True, True): "#C9D3DC", (False, False): "#FFFFFF", (True, False): style.BLUE,
                     (False, True): style.VERMILLION}[tuple(both)]  # fmt: skip
         assert "#{:02X}{:02X}{:02X}".format(*image[row, column]) == expected.upper()
@@ -126,7 +126,7 @@ def test_a_body_that_only_feels_its_input_is_shown_over_inputs(tmp_path):
 
 def test_the_promised_time_stands_beside_the_times_of_every_controller():
     with style.figure_style():
-        figure = figures_arena.times_figure({ROBUST: [10, 20], CAREFUL: [15], NOMINAL: [30]}, 0.5, 40)
+        figure = figures_arena.times_figure({GAP_AWARE: [10, 20], BASELINE: [15], NOMINAL: [30]}, 0.5, 40)
         (axis,) = figure.axes
         assert [line.get_xdata()[0] for line in axis.lines] == [20.0]
         labels = [text.get_text() for text in figure.legends[0].get_texts()]
@@ -137,7 +137,7 @@ def test_the_promised_time_stands_beside_the_times_of_every_controller():
 
 def test_times_are_in_seconds():
     with style.figure_style():
-        figure = figures_arena.times_figure({ROBUST: [10, 20, 30], NOMINAL: []}, 0.5)
+        figure = figures_arena.times_figure({GAP_AWARE: [10, 20, 30], NOMINAL: []}, 0.5)
         (axis,) = figure.axes
         assert axis.get_xlim() == pytest.approx((0.0, 15.0))
         (label,) = [text.get_text() for text in figure.legends[0].get_texts()]  # nothing is said of no runs
@@ -252,3 +252,16 @@ def test_a_gap_is_shown_along_the_state_that_it_follows_and_never_along_a_free_o
     assert [axes.get_xlabel().split()[0] for axes in figure.axes[3:5]] == ["b", "c"]
     hull = figure.axes[0].collections
     assert len(hull) > 20  # a part of X each, and the samples
+
+
+@pytest.mark.parametrize("dots", [62, 170])
+def test_a_legend_is_no_wider_than_its_figure(dots):
+    import matplotlib.pyplot as plt
+
+    with style.figure_style():
+        figure, _ = plt.subplots(1, 2, figsize=(style.WIDTH, 3.0))
+        figures_domains._legend(figure, True, "leaves the safe set")
+        figure.set_dpi(dots)
+        figure.canvas.draw()
+        assert figure.legends[0].get_window_extent().x1 <= figure.bbox.x1
+        style.close(figure)

@@ -9,7 +9,7 @@ import pytest
 from simgap.errors import BrokenPromise, UserError
 from simgap.io.rerun import closed_loop as recording_check
 from simgap.io.rerun.recording import share_of_bound
-from simgap.io.traces import NOMINAL, ROBUST, shown, split, twin
+from simgap.io.traces import GAP_AWARE, NOMINAL, shown, split, twin
 from simgap.stages import trace as stage
 from tests.stages import loop_example as example
 
@@ -81,7 +81,7 @@ def test_the_pendulum_swings_about_its_hinge(made):
             batch = chunk.to_record_batch()
             times = batch.column("sim_time").cast("int64").to_pylist()
             turned |= dict(zip(times, batch.column("Transform3D:quaternion").to_pylist(), strict=True))
-    run = shown(split(table(made), ["x1", "x2"], ["u"]), ROBUST)
+    run = shown(split(table(made), ["x1", "x2"], ["u"]), GAP_AWARE)
     quaternions = np.array([turned[k][0] for k in sorted(turned)])
     assert len(quaternions) == len(run.t)
     np.testing.assert_allclose(2.0 * np.arctan2(quaternions[:, 1], quaternions[:, 3]), run.x[:, 0], atol=1e-6)
@@ -90,23 +90,23 @@ def test_the_pendulum_swings_about_its_hinge(made):
 
 def test_shown_runs_are_the_telling_ones(made):
     traces = split(table(made), ["x1", "x2"], ["u"])
-    worst, best = shown(traces, NOMINAL), shown(traces, ROBUST)
+    worst, best = shown(traces, NOMINAL), shown(traces, GAP_AWARE)
     assert worst.violates
     assert not worst.safe[-1]
     assert not best.violates
     assert best.run == worst.run  # from the same start, where the gap-aware controller has a run from it
-    elsewhere = [replace(t, run=t.run + 50) if t.controller == ROBUST else t for t in traces]
-    assert shown(elsewhere, ROBUST).run == min(t.run for t in elsewhere if t.controller == ROBUST)
+    elsewhere = [replace(t, run=t.run + 50) if t.controller == GAP_AWARE else t for t in traces]
+    assert shown(elsewhere, GAP_AWARE).run == min(t.run for t in elsewhere if t.controller == GAP_AWARE)
     model = twin(traces, best)
     assert model is not None
     assert (model.plant, model.run) == ("nominal model", best.run)
     with pytest.raises(UserError, match="no trace of the gap controller"):
-        shown([t for t in traces if t.controller != ROBUST], ROBUST)
+        shown([t for t in traces if t.controller != GAP_AWARE], GAP_AWARE)
 
 
 def test_share_of_the_bound(made):
     """lo = d - 1e-3 and hi = d + 2e-3: the gap lies a third of the half-width below the middle."""
-    share = share_of_bound(shown(split(table(made), ["x1", "x2"], ["u"]), ROBUST))
+    share = share_of_bound(shown(split(table(made), ["x1", "x2"], ["u"]), GAP_AWARE))
     np.testing.assert_allclose(share[:-1], -1.0 / 3.0, rtol=1e-9)
     assert np.isnan(share[-1]).all()
 

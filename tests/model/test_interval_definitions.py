@@ -5,8 +5,10 @@ from fractions import Fraction as Q
 import mpmath
 import numpy as np
 import pytest
+import sympy as sp
 
 from simgap.model import interval
+from simgap.model.compile import compile_interval_kernel
 
 RNG = np.random.default_rng(20)
 mpmath.mp.dps = 60
@@ -87,3 +89,51 @@ def test_extremes_of_two_and_sizes():
         assert hi == max(-a[0], a[1])
         assert lo == (0.0 if a[0] <= 0.0 <= a[1] else min(abs(a[0]), abs(a[1])))
         assert interval.isign(a) == (np.sign(a[0]), np.sign(a[1]))
+
+
+UNBOUNDED = [
+    (lo, hi) for lo in (-np.inf, -1e300, -2.0, 0.0, 0.5, 1e300) for hi in (-2.0, 0.0, 0.5, 1e300, np.inf) if lo <= hi
+]  # fmt: skip
+
+
+def inside(a):
+    """Some real numbers of an interval whose ends may be infinite."""
+    lo, hi = max(a[0], -1e305), min(a[1], 1e305)
+    return sorted({Q(lo), Q(hi), *(Q(v) for v in (-3.0, -0.1, 0.0, 0.1, 3.0) if lo <= v <= hi)})
+
+
+def bounded(found, values):
+    """No end is NaN, and each is a bound: an infinite one of all numbers, a finite one of these."""
+    lo, hi = found
+    assert lo == -np.inf or Q(lo) <= min(values)
+    assert hi == np.inf or Q(hi) >= max(values)
+
+
+def test_what_has_no_bound_is_never_narrowed():
+    for a in UNBOUNDED:
+        p = inside(a)
+        for n in (1, 2, 3):
+            bounded(interval.ipow(a, n), [v**n for v in p])
+        for name in ("isin", "icos", "itan", "itanh", "iatan", "iexp", "ilog", "isqrt", "isinc"):
+            lo, hi = getattr(interval, name)(a)
+            assert lo < np.inf, (name, a)
+            assert hi > -np.inf, (name, a)
+        if any(p):
+            bounded(interval.iinv(a), [1 / v for v in p if v])
+        for b in UNBOUNDED:
+            q = inside(b)
+            bounded(interval.iadd(a, b), [x + y for x in p for y in q])
+            bounded(interval.imul(a, b), [x * y for x in p for y in q])
+            if any(p):
+                ratio = interval.imul(b, interval.iinv(a))
+                bounded(interval.imin((1.0, 1.0), ratio), [min(Q(1), y / x) for x in p for y in q if x])
+
+
+def test_every_constant_and_an_unknown_slope_have_an_enclosure():
+    x, u = sp.symbols("x u", real=True)
+    found = compile_interval_kernel([sp.E * x, sp.pi * x, sp.diff(sp.sign(x / u), x)], ([x], [u]))
+    at = np.ones(1)
+    e, pi, slope = found(at, at, at, at)
+    assert mpmath.mpf(e[0]) <= mpmath.e <= mpmath.mpf(e[1])
+    assert mpmath.mpf(pi[0]) <= mpmath.pi <= mpmath.mpf(pi[1])
+    assert slope == (-np.inf, np.inf)

@@ -113,3 +113,11 @@ def test_the_tutorial_quotes_its_run(root):
     assert " | ".join(f"{100 * found[when]['winning']['gap']:.1f} %" for when in ("before", "after")) in page
     failed, runs = found["before"]["failed"]["nominal"]
     assert f"fails in {failed} of {runs} runs" in readme
+
+
+def test_the_way_of_a_sample_names_functions_that_are_there(root):
+    text = (root / "CONTRIBUTING.md").read_text()
+    named = re.findall(r"`([\w/]+\.py):(\w+)`", text[text.index("## One sample") : text.index("## How code is")])
+    assert len(named) > 15
+    for path, function in named:
+        assert re.search(rf"^(\s*)def {function}\b", (root / "simgap" / path).read_text(), re.M), (path, function)

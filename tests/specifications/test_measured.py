@@ -16,7 +16,7 @@ from simgap.specifications.reach_and_stay import ReachAndStay
 from simgap.specifications.reach_avoid import ReachAvoid
 from simgap.specifications.space import Space
 from simgap.synthesis.controller import Controller
-from simgap.synthesis.synthesise import Problem, synthesise
+from simgap.synthesis.synthesise import SynthesisProblem, synthesise
 
 SPACE = Space(("x", "y"), Box([0.0, 0.0], [4.0, 3.0]))
 ERROR = np.array([0.04, 0.03])
@@ -48,7 +48,7 @@ def test_no_true_state_is_where_it_must_not_be(mover, kind, name, latency, tmp_p
     inputs = np.array(list(itertools.product([-1.0, 0.0, 1.0], repeat=2)))
     asked = kind(kind=name, obstacles=(OBSTACLE,), target=WIDE if latency else TARGET)
     cells = (87, 66) if latency else (80, 60)
-    solution = synthesise(Problem(mover, asked, SPACE, cells, inputs, error=ERROR, latency=latency))
+    solution = synthesise(SynthesisProblem(mover, asked, SPACE, cells, inputs, error=ERROR, latency=latency))
     made = Controller(inputs, SPACE.states, ("u", "v"), solution, "least_effort", {"stage": "synthesis"})
     save_controller(made, tmp_path / "controller.npz")
     controller = load_controller(tmp_path / "controller.npz")
@@ -60,13 +60,13 @@ def test_no_true_state_is_where_it_must_not_be(mover, kind, name, latency, tmp_p
     assert len(starts) > 150
     near = 0.0
     for start in starts:
-        seen = start + ERROR * rng.choice([-1.0, 1.0], 2)
-        run = closed_loop(Truth(), controller, start, 60, Sensing(ERROR, latency), rng, monitor, seen)
+        measured = start + ERROR * rng.choice([-1.0, 1.0], 2)
+        run = closed_loop(Truth(), controller, start, 60, Sensing(ERROR, latency), rng, monitor, measured)
         verdict = monitor.judge(run, 60)
         assert verdict.outcome.kept, verdict.outcome
         assert verdict.outcome.figures["climbs"] == 0
         assert not latency or run.inputs[:1].tolist() in ([], [controller.first])
-        near = max(near, float(np.abs(run.seen - run.x).max()))
+        near = max(near, float(np.abs(run.measured - run.x).max()))
     assert near == pytest.approx(0.04)
 
 
@@ -74,22 +74,22 @@ def test_no_true_state_is_where_it_must_not_be(mover, kind, name, latency, tmp_p
 def test_a_first_question_is_answered_at_every_certified_start(mover, kind):
     inputs = np.array(list(itertools.product([-1.0, 1.0, 0.0], repeat=2)))  # number 0 is not rest
     asked = ReachAvoid(kind=kind, target=TARGET) if kind == "reach_avoid" else Invariance(kind=kind, safe=SAFE)
-    solution = synthesise(Problem(mover, asked, SPACE, (87, 66), inputs, error=ERROR, latency=1, first=5))
+    solution = synthesise(SynthesisProblem(mover, asked, SPACE, (87, 66), inputs, error=ERROR, latency=1, first=5))
     controller = Controller(inputs, SPACE.states, ("u", "v"), solution, "least_effort", {})
     rng = np.random.default_rng(3)
     starts = SPACE.box.sample(rng, 2000)
     starts = starts[controller.contains(starts)]
     assert len(starts) > 600
     for start in starts:
-        seen = start + ERROR * rng.choice([-1.0, 1.0], 2)
-        if controller.in_target(seen)[0]:
+        measured = start + ERROR * rng.choice([-1.0, 1.0], 2)
+        if controller.in_target(measured)[0]:
             continue
-        chosen = controller.input(seen)  # raises where there is none
-        assert chosen.tolist() in controller.inputs(seen, 5).tolist()
-        assert chosen.tolist() == controller.input(seen, 5).tolist()
+        chosen = controller.input(measured)  # raises where there is none
+        assert chosen.tolist() in controller.inputs(measured, 5).tolist()
+        assert chosen.tolist() == controller.input(measured, 5).tolist()
 
 
 def test_a_target_smaller_than_the_error_is_refused(mover):
     small = ReachAvoid(kind="reach_avoid", target={"x": (3.0, 3.07), "y": (0.3, 0.9)})
     with pytest.raises(UserError, match="The measurement error is as large as the target"):
-        synthesise(Problem(mover, small, SPACE, (80, 60), np.zeros((1, 2)), error=ERROR))
+        synthesise(SynthesisProblem(mover, small, SPACE, (80, 60), np.zeros((1, 2)), error=ERROR))

@@ -1,5 +1,7 @@
 """A diagnosis made by hand: a pendulum with Coulomb friction that the model lacks, integrated by small Euler steps."""
 
+import re
+
 import numpy as np
 
 from simgap.diagnosis.record.record import Record, Trace
@@ -17,7 +19,7 @@ from simgap.diagnosis.result import (
     Step,
     WindowPrediction,
 )
-from simgap.effects import AppliedEffect, apply_effects
+from simgap.effects import AppliedEffect
 
 FRICTION, INERTIA, WEIGHT = 0.19, 0.25, 1.5
 SIGMA = np.array([1e-3, 1e-2])
@@ -72,7 +74,11 @@ def windows(data, seconds=1.0):
         s = slice(k * n, (k + 1) * n)
         true = simulate(trace.t[s], trace.y[s][0], FRICTION)
         declared = simulate(trace.t[s], trace.y[s][0], 0.0)
-        out.append(WindowPrediction("bench", k % 4 == 2, trace.t[s], trace.y[s], declared, true, true, trace.u[s]))
+        out.append(
+            WindowPrediction(
+                "bench", k % 4 == 2, trace.t[s], trace.y[s], declared, true, true, trace.u[s], np.ones_like(true)
+            )
+        )
     return tuple(out)
 
 
@@ -114,7 +120,6 @@ def diagnosis(model, data, verdict="attributed"):
         ),
         warnings=(),
         applied=effects,
-        corrected=apply_effects(model, effects),
         windows=windows(data),
         left_over=(),
         steps=(Step(80.0, tuple(Option(n, "hinge", left, g, k == 0) for k, (n, _, g, left) in enumerate(rows[:2]))),),
@@ -124,3 +129,8 @@ def diagnosis(model, data, verdict="attributed"):
 def reading(data):
     note = FileNotes("bench.csv", "ab" * 32, 1200, 1200, 0.0, 0, 0, 0, 0, 0, (), ("bench",))
     return Reading(data, (note,), ())
+
+
+def without_scripts(page):
+    """The text of a page, what its scripts hold apart."""
+    return re.sub(r"<script.*?</script>", "", page.read_text(), flags=re.DOTALL)

@@ -86,8 +86,8 @@ def arguments(folder):
         "samples": folder / "samples.parquet",
         "nominal": folder / "nominal/controller.npz",
         "nominal_summary": folder / "nominal/synthesis.json",
-        "robust": folder / "gap/controller.npz",
-        "robust_summary": folder / "gap/synthesis.json",
+        "gap_aware": folder / "gap/controller.npz",
+        "gap_aware_summary": folder / "gap/synthesis.json",
         "validation": folder / "validation/validation.json",
         "traces": folder / "validation/traces.parquet",
     }

@@ -126,7 +126,15 @@ def test_a_window_as_a_run_by_hand():
     t = 5.0 + 0.1 * np.arange(11)
     states = np.stack([t, np.ones(11)], axis=1)
     w = WindowPrediction(
-        "a", True, t, states[:, :1] + 0.5, 0 * t[:, None], states[:, :1] + 0.5, states, 1.0 + np.arange(11)[:, None]
+        "a",
+        True,
+        t,
+        states[:, :1] + 0.5,
+        0 * t[:, None],
+        states[:, :1] + 0.5,
+        states,
+        1.0 + np.arange(11)[:, None],
+        np.ones((11, 1)),
     )
     (run,) = followed([w], ["v", "q"], ["u"], ["q", "v"], ["q"], {}, 0.25)
     assert run.start.tolist() == [1.0, 5.0]

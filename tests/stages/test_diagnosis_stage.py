@@ -107,7 +107,7 @@ def test_the_page_says_that_a_remainder_is_not_in_gamma(tmp_path):
 
 
 def test_the_page_stands_alone(written):
-    page = (written / "report.html").read_text()
+    page = example.without_scripts(written / "report.html")
     assert "Coulomb friction of 0.19 ± 0.01 N m at the hinge explains 84 %" in page
     assert page.count("<svg") >= 4
     outside = re.findall(r'(?:src|href)="(?!#)([^"]+)"', page)

@@ -72,10 +72,10 @@ def test_a_controller_rests_on_what_its_bound_rests_on(made):
     edited = folder / "substeps.yaml"
     edited.write_text(yaml.safe_dump(content))
     before, after = Context.load(case), Context.load(edited)
-    robust, nominal = (provenance("synthesis", before.case, folder, rests=rests) for rests in (("gap",), ()))
+    gap_aware, nominal = (provenance("synthesis", before.case, folder, rests=rests) for rests in (("gap",), ()))
     after.own(folder / "n.npz", nominal, "synthesis")
     with pytest.raises(UserError, match=r"differs in simulator\.substeps"):
-        after.own(folder / "r.npz", robust, "synthesis")
+        after.own(folder / "r.npz", gap_aware, "synthesis")
 
 
 def test_samples_of_another_case_or_stage_are_refused(made):

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from simgap.stages import index, report
+from simgap.stages import diagnosis, index, report
 from simgap.stages.report import ReportFiles
 from tests.stages import loop_example as example
 
@@ -44,6 +44,13 @@ def page(tmp_path_factory, root) -> Path:
     made = {"out": folder / "report.html", "figures_out": folder / "summary.json", "picture": folder / "picture.png"}
     report.run(case, ReportFiles(**example.arguments(folder)), **made)
     index.run([folder / "summary.json"], folder / "index.html")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def diagnosed(tmp_path_factory, root) -> Path:
+    folder = tmp_path_factory.mktemp("diagnosed")
+    diagnosis.run(root / "docs/tutorial/rod.yaml", (), folder)
     return folder
 
 
@@ -87,6 +94,16 @@ def test_the_index_fits_too(page, width):
     assert found["over"] == []
     assert found["scroll"] <= 0
     assert found["unsaid"] == 0
+    assert console == ""
+
+
+@pytest.mark.parametrize("width", [1100, 390])
+def test_a_diagnosis_fits_and_is_explored(diagnosed, width):
+    found, console = look(diagnosed, width)
+    assert found["over"] == []
+    assert found["scroll"] <= 0
+    assert found["unsaid"] == 0
+    assert found["explored"] == 1, "the angle, drawn by the script of the page"
     assert console == ""
 
 

@@ -153,7 +153,7 @@ def test_a_broken_promise_is_the_headline(pendulum, tmp_path):
     synthesis = example.read_json(folder / "gap/synthesis.json") | {"between_samples": {"x1": 0.0025, "x2": 0.0}}
     write_json(tmp_path / "synthesis.json", synthesis)
     given = example.arguments(folder) | {"validation": tmp_path / "validation.json"}
-    given["robust_summary"] = tmp_path / "synthesis.json"
+    given["gap_aware_summary"] = tmp_path / "synthesis.json"
     report.run(case, ReportFiles(**given), tmp_path / "report.html", tmp_path / "summary.json")
     text = page(tmp_path).text
     assert "promise broken" in text
@@ -163,7 +163,7 @@ def test_a_broken_promise_is_the_headline(pendulum, tmp_path):
 
 def corrected(case, bound, summary, arguments):
     """The files of a corrected case whose controllers are those of the first."""
-    controllers = {f"corrected_{kind}": arguments[kind] for kind in ("nominal", "robust")}
+    controllers = {f"corrected_{kind}": arguments[kind] for kind in ("nominal", "gap_aware")}
     return {"corrected": case, "corrected_gap": bound, "corrected_summary": summary, **controllers}
 
 
@@ -267,7 +267,7 @@ def test_the_index_links_every_case(pendulum, robot, tmp_path):
     write_json(tmp_path / "pendulum/corrected/summary.json", later)
     content = example.read_json(summaries[1])
     fair = {"simulator": content["closed_loop"]["gap"]["simulator"] | {"runs_that_kept_the_specification": 1}}
-    write_json(summaries[1], content | {"closed_loop": content["closed_loop"] | {"careful": fair}})
+    write_json(summaries[1], content | {"closed_loop": content["closed_loop"] | {"baseline": fair}})
     index.run(summaries, tmp_path / "index.html")
     shown = Page((tmp_path / "index.html").read_text())
     assert {"pendulum/report.html", "robot/report.html"} <= set(shown.addresses)
@@ -306,7 +306,7 @@ def test_figures_are_files_too(pendulum, tmp_path):
 def test_the_fair_baseline_is_told(robot, tmp_path):
     content = example.read_json(robot / "validation/validation.json")
     tally = content["controllers"]["gap"]["simulator"] | {"steps_that_left_the_certified_box": 7}
-    content["controllers"]["careful"] = {"simulator": tally}
+    content["controllers"]["baseline"] = {"simulator": tally}
     write_json(tmp_path / "validation.json", content)
     given = example.arguments(robot) | {"validation": tmp_path / "validation.json"}
     report.run(robot / "case.yaml", ReportFiles(**given), tmp_path / "report.html", tmp_path / "summary.json")

@@ -78,17 +78,17 @@ def test_the_full_table_holds_every_pair_of_inputs(bound):
 
 def test_from_the_case_to_the_closed_loop(bound, tmp_path):
     case, folder = bound
-    for kind, path in (("nominal", None), ("careful", None), ("gap", folder / "gap.json")):
-        synthesis.run(case, path, tmp_path / f"{kind}.npz", tmp_path / f"{kind}.json", 1, kind == "careful")
+    for kind, path in (("nominal", None), ("baseline", None), ("gap", folder / "gap.json")):
+        synthesis.run(case, path, tmp_path / f"{kind}.npz", tmp_path / f"{kind}.json", 1, kind == "baseline")
         assert read_json(tmp_path / f"{kind}.json")["winning_fraction_after_inflation"] > 0.5
         assert read_json(tmp_path / f"{kind}.json")["looks_between_samples"] == (kind != "nominal")
-    files, careful = (tmp_path / name for name in ("nominal.npz", "gap.npz")), tmp_path / "careful.npz"
+    files, baseline = (tmp_path / name for name in ("nominal.npz", "gap.npz")), tmp_path / "baseline.npz"
     traces = tmp_path / "traces.parquet"
-    validation.run(case, *files, folder / "gap.json", tmp_path / "v.json", traces, 1, careful=careful)
+    validation.run(case, *files, folder / "gap.json", tmp_path / "v.json", traces, 1, baseline=baseline)
     loops = read_json(tmp_path / "v.json")["controllers"]
-    assert loops["careful"]["simulator"]["runs"] == 4
-    assert loops["careful"]["simulator"]["steps_that_left_the_certified_box"] >= 0
-    kept = loops["careful"]["nominal model"]  # the path of its model is what it minds
+    assert loops["baseline"]["simulator"]["runs"] == 4
+    assert loops["baseline"]["simulator"]["steps_that_left_the_certified_box"] >= 0
+    kept = loops["baseline"]["nominal model"]  # the path of its model is what it checks
     assert kept["runs_that_kept_the_specification"] == kept["runs"]
     assert kept["least_clearance"] > 0
     judged = read_json(tmp_path / "v.json")["controllers"]["gap"]["simulator"]
@@ -105,8 +105,8 @@ def test_from_the_case_to_the_closed_loop(bound, tmp_path):
         samples=folder / "thinned.parquet",
         nominal=controllers["nominal"],
         nominal_summary=controllers["nominal"].with_suffix(".json"),
-        robust=controllers["gap"],
-        robust_summary=controllers["gap"].with_suffix(".json"),
+        gap_aware=controllers["gap"],
+        gap_aware_summary=controllers["gap"].with_suffix(".json"),
         validation=tmp_path / "v.json",
         traces=tmp_path / "traces.parquet",
     )
@@ -192,10 +192,10 @@ def test_an_empty_domain_names_what_emptied_it(small, bound, tmp_path, capsys):
     write_json(tmp_path / "wide.json", gap)
     common = ["--out", tmp_path / "c.npz", "--summary", tmp_path / "s.json", "--log", tmp_path / "log"]
     line = refused(capsys, ["synthesis", case, "--gap", tmp_path / "wide.json", *common])
-    assert "because of the gap and the path between samples" in line
+    assert "lost to the path between samples" in line
     coarse = small(**{"synthesis.cells": [8, 8, 8]})
     line = refused(capsys, ["synthesis", coarse, *common])
-    assert "cells of 0.425" in line or "no cell fits" in line
+    assert "cells" in line.split("synthesis")[1]
     assert not (tmp_path / "c.npz").exists()
 
 

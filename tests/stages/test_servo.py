@@ -29,7 +29,17 @@ def windows(record, held_out, states):
     """Whole traces, without what a model says of them."""
     for trace in record.traces:
         unknown = np.zeros((len(trace.t), states))
-        yield WindowPrediction(trace.name, trace.name in held_out, trace.t, trace.y, trace.y, trace.y, unknown, trace.u)
+        yield WindowPrediction(
+            trace.name,
+            trace.name in held_out,
+            trace.t,
+            trace.y,
+            trace.y,
+            trace.y,
+            unknown,
+            trace.u,
+            np.ones_like(trace.y),
+        )
 
 
 @pytest.fixture(scope="module")

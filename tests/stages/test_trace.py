@@ -26,7 +26,7 @@ def robot(tmp_path_factory):
 
 
 def command(folder, case, *more):
-    return ["trace", str(case), "--nominal", str(folder / "nominal/controller.npz"), "--robust",
+    return ["trace", str(case), "--nominal", str(folder / "nominal/controller.npz"), "--gap-aware",
             str(folder / "gap/controller.npz"), "--traces", str(folder / "validation/traces.parquet"),
             "--out", str(folder / "trace.rrd"), *more]  # fmt: skip
 

@@ -18,7 +18,7 @@ from simgap.specifications.reach_avoid import ReachAvoid
 from simgap.specifications.space import Space
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.input_sets import unpack
-from simgap.synthesis.synthesise import Problem, synthesise
+from simgap.synthesis.synthesise import SynthesisProblem, synthesise
 from tests.synthesis.synthesis_plants import constant_gap, unicycle
 
 ROBOT = Space(("x", "y", "t"), Box([0, 0, -np.pi], [4, 4, np.pi]), (2,))
@@ -28,7 +28,9 @@ KEYS = {"target": {"x": (3.0, 3.8), "y": (3.0, 3.8)}, "obstacles": [{"x": (1.5, 
 
 def problem(one, specification=None, **more):
     task = ReachAvoid(kind="reach_avoid", **KEYS) if specification is None else specification
-    return Problem(unicycle(), task, ROBOT, (40, 44, 32), INPUTS, constant_gap(0.005, 0.005, 0.01), (), one=one, **more)
+    return SynthesisProblem(
+        unicycle(), task, ROBOT, (40, 44, 32), INPUTS, constant_gap(0.005, 0.005, 0.01), (), one=one, **more
+    )
 
 
 def controller(one, rule="least_effort"):

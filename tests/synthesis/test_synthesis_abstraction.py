@@ -68,6 +68,15 @@ def test_where_the_nominal_model_jumps_the_box_is_as_wide_as_the_jump():
     assert (found[0, :, 1] - found[0, :, 0]).max() <= 3
 
 
+def test_a_bounded_term_of_a_quotient_without_bound_is_covered():
+    x, v, u = sp.symbols("x v u", real=True)
+    model = NominalModel((x, v), (u,), (x, v + 0.3 * sp.Min(1, sp.Abs(v) / x)), 0.05)
+    grid = Grid(Box([0.0, 0.0], [1.0, 1.0]), (10, 10))
+    low, high = nominal_abstraction(model, grid, np.zeros((1, 1))).boxes(np.zeros(1, np.int64))[0, 0]
+    assert low[1] <= 0, "from (0.05, 0)"
+    assert high[1] >= 3, "from (0.05, 0.05)"
+
+
 @pytest.mark.parametrize(
     ("name", "gap", "named"),
     [

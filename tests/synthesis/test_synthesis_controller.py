@@ -23,8 +23,8 @@ from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 from simgap.synthesis.abstraction.intersample import Flow, excursion, flow_of
 from simgap.synthesis.controller import Controller, least_effort
-from simgap.synthesis.synthesise import Problem, synthesise
-from tests.synthesis.synthesis_plants import constant_gap, pendulum, unicycle
+from simgap.synthesis.synthesise import SynthesisProblem, synthesise
+from tests.synthesis.synthesis_plants import pendulum, unicycle
 
 STATES = ("x1", "x2")
 DOMAIN = Box([-0.2, -0.5], [0.2, 0.5])
@@ -40,7 +40,7 @@ def invariance():
 def pendulum_problem(cells=(200, 100), gap=None, **more):
     model, inputs = pendulum()
     axes = () if gap is not None else None
-    return Problem(model, invariance(), SPACE, cells, inputs, gap=gap, gap_axes=axes, **more)
+    return SynthesisProblem(model, invariance(), SPACE, cells, inputs, gap=gap, gap_axes=axes, **more)
 
 
 @pytest.fixture(scope="module")
@@ -155,7 +155,7 @@ def robot(target=((8, 9), (8, 9)), obstacles=(), clearance=0.0, cells=(50, 50, 1
     }
     inputs = np.array([(v, w) for v in (-0.3, 0.0, 0.3) for w in (-0.5, 0.0, 0.5)])
     specification = ReachAvoid.model_validate(options)
-    return Problem(unicycle(), specification, ROBOT, cells, inputs, gap, None if gap is None else (), **more)
+    return SynthesisProblem(unicycle(), specification, ROBOT, cells, inputs, gap, None if gap is None else (), **more)
 
 
 @pytest.mark.parametrize(
@@ -180,22 +180,6 @@ def test_clearance_keeps_free_cells_away_from_walls_and_obstacles():
     near_wall = (np.abs(c[..., :2] - 5) + 0.1 > 4.7 + 1e-6).any(-1)
     near_obstacle = (c[..., 0] + 0.1 > 3.7 + 1e-6) & (c[..., 0] - 0.1 < 5.3 - 1e-6) & (c[..., 1] - 0.1 < 6.3 - 1e-6)
     assert np.array_equal(free, ~(near_wall | near_obstacle))
-
-
-def test_a_gap_beyond_the_authority_names_the_dimension_and_both_numbers():
-    with pytest.raises(
-        UserError, match=r"hold x1: the gap in x1 is at least 0\.004 .* largest step .* in x1 is 0\.0024"
-    ):
-        synthesise(pendulum_problem(gap=constant_gap(0.004, 0.001)))
-    with pytest.raises(UserError, match=r"steer x: the gap in x is at least 0\.4 .* in x is 0\.2[89]"):
-        synthesise(robot(gap=constant_gap(0.4, 0.01, 0.01)))
-
-
-def test_an_empty_domain_says_whether_gap_or_spacing_caused_it():
-    with pytest.raises(UserError, match=r"because of the gap.*wins 0\.8\d+ of the free cells"):
-        synthesise(pendulum_problem(gap=constant_gap(0.0022, 0.001)))
-    with pytest.raises(UserError, match=r"even for the nominal model alone, on cells of 0\.02 along x1"):
-        synthesise(pendulum_problem(cells=(10, 5)))
 
 
 def test_a_latency_with_too_many_cells_and_inputs_is_refused_with_a_remedy():

@@ -11,7 +11,7 @@ from simgap.specifications.space import Space
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.games.sensing import sensed_invariance
 from simgap.synthesis.input_sets import unpack
-from simgap.synthesis.synthesise import Problem, synthesise
+from simgap.synthesis.synthesise import SynthesisProblem, synthesise
 from tests.synthesis import synthesis_oracle as oracle
 from tests.synthesis.synthesis_plants import constant_gap, pendulum
 
@@ -56,7 +56,7 @@ def test_the_pendulum_stays_safe_under_error_and_latency(latency, error):
     specification = Invariance(kind="invariance", safe={"x1": (0.0, 0.2)})
     space = Space(("x1", "x2"), Box([-0.2, -0.5], [0.2, 0.5]))
     gap = constant_gap(*size)
-    problem = Problem(
+    problem = SynthesisProblem(
         model, specification, space, (400, 200), inputs, gap=gap, gap_axes=(), error=error, latency=latency
     )
     controller = Controller(inputs, ("x1", "x2"), ("u",), synthesise(problem), "least_effort", {})

@@ -128,15 +128,21 @@ def left_out(windows: Windows, t: Floats, spans: tuple[Span, ...]) -> Windows:
 
 
 def cut_at(windows: Windows, t: Floats, spans: tuple[Span, ...]) -> Windows:
-    """The windows, cut where a time begins and where it ends if the parts are long enough; t: (n,) s."""
+    """The windows, cut where a time begins and where it ends if the parts are long enough; t: (n,) s.
+
+    A part that is too short is dropped where it lies in such a time, and stays with its neighbour where it does not.
+    """
     rows = []
     for a, b, first, trace in windows:
+        own = [(x, y) for k, x, y in spans if k == trace]
         edges = [a]
-        ends = sorted(end for k, *both in spans if k == trace for end in both)
-        for cut in (a + np.searchsorted(t[a:b], ends)).tolist():
-            if min(cut - edges[-1], b - cut) >= MIN_SAMPLES:
+        for cut in [*(a + np.searchsorted(t[a:b], sorted(itertools.chain(*own)))).tolist(), b]:
+            inside = cut > edges[-1] and any(x <= t[edges[-1]] and t[cut - 1] <= y for x, y in own)
+            if inside or min(cut - edges[-1], b - cut) >= MIN_SAMPLES:
                 edges.append(cut)
-        rows += [(i, j, first, trace) for i, j in itertools.pairwise([*edges, b])]
+        if edges[-1] < b:
+            edges.append(b)
+        rows += [(i, j, first, trace) for i, j in itertools.pairwise(edges)]
     return Windows.of(rows)
 
 

@@ -14,6 +14,8 @@ from simgap.diagnosis.simulation.problem import Problem, interval
 from simgap.diagnosis.simulation.sensitivity import state_steps
 from simgap.diagnosis.thresholds import BRIEF_S
 
+_LATER = 0.1  # of the horizon, by which a prediction may end later where a channel is read more seldom
+
 
 @dataclass(frozen=True, eq=False)
 class HorizonError:
@@ -59,9 +61,13 @@ def look_back(problem: Problem) -> float:
 
 
 def _instants(problem: Problem, horizon: float) -> tuple[Ints, Ints, Ints]:
-    """Look-back from, instant (exclusive end of the look-back), and end (exclusive) in samples."""
+    """Look-back from, instant (exclusive end of the look-back), and end (exclusive) in samples.
+
+    A prediction ends at a sample at which every channel is a measurement: what is none would count as no error.
+    """
     rows: list[tuple[int, int, int]] = []
     t, back = problem.t, look_back(problem)
+    read = np.flatnonzero(np.all((problem.used > 0.0) | (problem.heard == 0.0), axis=1))
     whole = joined(problem.windows)
     for a, b in zip(whole.start.tolist(), whole.stop.tolist(), strict=True):
         k = a
@@ -69,10 +75,13 @@ def _instants(problem: Problem, horizon: float) -> tuple[Ints, Ints, Ints]:
             middle = max(int(np.searchsorted(t[a:b], t[k] + back)) + a, k + LOOK_BACK_SAMPLES)
             if middle >= b:
                 break
-            end = int(np.searchsorted(t[a:b], t[middle - 1] + horizon * (1 - 1e-9))) + a
+            aim = t[middle - 1] + horizon * (1 - 1e-9)
+            end = int(np.searchsorted(t[a:b], aim)) + a
             if end >= b:
                 break
-            rows.append((k, middle, end + 1))
+            known = read[np.searchsorted(read, end) :][:1]
+            if known.size and known[0] < b and t[known[0]] <= aim + _LATER * horizon:
+                rows.append((k, middle, int(known[0]) + 1))
             k = max(int(np.searchsorted(t[a:b], t[k] + 0.25 * max(horizon, back))) + a, k + 1)
     table = np.array(rows, dtype=np.int64).reshape(-1, 3)
     return table[:, 0].copy(), table[:, 1].copy(), table[:, 2].copy()

@@ -208,7 +208,7 @@ class Evidence:
         before, after: chi^2/dof of the fitted windows, of the declared and of the corrected model.
         declared, corrected: error on *confirm*; share: excess of the one over the other there.
         gain: what the corrected model predicts better, there and where sets competed.
-        borne_out: whether that is of a size that matters there by itself.
+        borne_out: whether that is of a size that matters there by itself, and no channel is predicted worse by as much.
         agree: whether the coefficients agree between halves of the fitted data.
         needed: whether *confirm* asks for each effect.
     """

@@ -139,8 +139,7 @@ class _Plant:
             start, begin = np.zeros(len(self.model.state_names)), int(np.argmax(inside))
             start[: w.states.shape[1]] = w.states[begin, : len(start)]
             start[self.measured] = w.measured[begin]
-            used = np.ones_like(w.measured) if w.used is None else w.used
-            found.append(_Stretch(w.trace, w.t[inside] - first, w.measured[inside], used[inside], inputs, start))
+            found.append(_Stretch(w.trace, w.t[inside] - first, w.measured[inside], w.used[inside], inputs, start))
         return found
 
     def regression(self, s: _Stretch) -> _Regression | None:

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.arrays import Floats
+from simgap.arrays import Bools, Floats
 from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.verdict.missing import compiled
 from simgap.late import sympy as sp
@@ -89,8 +89,9 @@ def transitions(
 ) -> Transitions:  # fmt: skip
     """Steps of `step` seconds in the windows of `seen`.
 
-    A state that was not measured is what the corrected model makes of it; an input is its mean over the step, `late`
-    seconds earlier. `model` says what commands that change within a step did.
+    They begin and end at readings that are measurements. A state that was not measured is what the corrected model
+    makes of it; an input is its mean over the step, `late` seconds earlier. `model` says
+    what commands that change within a step did.
     """
     names, nx = [*model.state_names, *model.input_names], len(model.state_names)
     begin, end = [np.zeros((0, len(names)))], [np.zeros((0, len(measured)))]
@@ -100,6 +101,7 @@ def transitions(
     pieces = max(min(_INNER * samples, _MOST), samples)
     for w in windows:
         at = np.arange(w.t[0], w.t[-1] - step * (1 + 1e-9), step)
+        at = at[np.all([_known_at(s, w, k) for s in (at, at + step) for k in range(len(measured))], axis=0)]
         own = np.full(len(at), w.trace)
         columns = {n: np.interp(at, w.t, w.states[:, i]) for i, n in enumerate(names[:nx])}
         columns |= {n: np.interp(at, w.t, w.measured[:, k]) for k, n in enumerate(measured)}
@@ -219,11 +221,8 @@ def _one(run: Sequence[WindowPrediction]) -> WindowPrediction:
     def whole(name: str) -> Floats:
         return np.concatenate([getattr(w, name) for w in run])
 
-    t, read, before, after, states, inputs = (
-        whole(n) for n in ("t", "measured", "before", "after", "states", "inputs")
-    )
-    used = None if run[0].used is None else whole("used")
-    return WindowPrediction(run[0].trace, run[0].held_out, t, read, before, after, states, inputs, used)
+    names = ("t", "measured", "before", "after", "states", "inputs", "used")
+    return WindowPrediction(run[0].trace, run[0].held_out, *(whole(n) for n in names))
 
 
 def _with_velocities(w: WindowPrediction, columns: Sequence[int], size: int, dt: float) -> WindowPrediction:
@@ -231,9 +230,23 @@ def _with_velocities(w: WindowPrediction, columns: Sequence[int], size: int, dt:
     even = np.arange(w.t[0], w.t[-1], dt)
     slopes = [savgol_filter(np.interp(even, w.t, w.measured[:, k]), size, _ORDER, deriv=1, delta=dt) for k in columns]
     more = np.stack([np.interp(w.t, even, slope) for slope in slopes], axis=1)
+    sound = np.stack([_all_around(w.used[:, k], size) for k in columns], axis=1)
+    whole = np.hstack([w.measured, more]), w.before, w.after, w.states, w.inputs, np.hstack([w.used, sound])
     inner = slice(size // 2, -(size // 2))
-    rows = (a[inner] for a in (w.t, np.hstack([w.measured, more]), w.before, w.after, w.states, w.inputs))
+    rows = (a[inner] for a in (w.t, *whole))
     return WindowPrediction(w.trace, w.held_out, *rows)
+
+
+def _all_around(used: Floats, size: int) -> Floats:
+    """1 where `size` samples around one are all used, 0 at the ends: (n,) -> (n,)."""
+    own = np.zeros_like(used)
+    own[size // 2 : len(used) - size // 2] = np.lib.stride_tricks.sliding_window_view(used, size).min(axis=1)
+    return own
+
+
+def _known_at(t: Floats, w: WindowPrediction, k: int) -> Bools:
+    """True where the reading of a column, interpolated, rests on measurements alone: (n,) s -> (n,)."""
+    return np.interp(t, w.t, w.used[:, k]) > 1.0 - 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,7 +255,7 @@ class Followed:
 
     Attributes:
         start: (nx,) state at its begin; inputs: (k, m) held for a sampling time each.
-        t: (n,) s since the start at which it is compared; read: (n, p) what the sensors say there.
+        t: (n,) s since the start at which it is compared; read: (n, p) what the sensors say there, NaN if nothing.
     """
 
     start: Floats
@@ -279,7 +292,7 @@ def followed(
         u = np.zeros((steps, len(inputs)))
         for k, n in enumerate(inputs):
             u[:, k] = np.mean([mean_input(w, k, begins - d, tau) for d in late.get(n, (0.0,))], axis=0)
-        true = (w.measured - (w.after - w.states[:, seen]))[begin:]
+        true = np.where(w.used > 0.0, w.measured - (w.after - w.states[:, seen]), np.nan)[begin:]
         if float(np.median(np.diff(t))) < tau:
             read = np.stack([np.interp(at, t, column) for column in true.T], axis=1)
             runs.append(Followed(w.states[begin, place], u, np.asarray(at), read))
@@ -301,4 +314,4 @@ def stray(runs: Sequence[Followed], paths: Sequence[Floats], seen: Sequence[int]
         at = tau * np.arange(len(path))
         found = np.stack([np.interp(run.t, at, path[:, k]) for k in seen], axis=1)
         squares.append(np.square((found - run.read) / sigma))
-    return float(np.sqrt(np.mean(np.concatenate(squares))))
+    return float(np.sqrt(np.nanmean(np.concatenate(squares))))

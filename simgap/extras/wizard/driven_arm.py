@@ -30,7 +30,7 @@ from simgap.specifications.reach_avoid import ReachAvoid
 from simgap.specifications.space import Space
 from simgap.synthesis.abstraction.intersample import Flow, excursion, flow_of
 from simgap.synthesis.abstraction.post import Kernel
-from simgap.synthesis.synthesise import Problem
+from simgap.synthesis.synthesise import SynthesisProblem
 
 TURN, LONGEST = 0.7, 0.1
 """Sampling time: of 1 / the fastest rate of the linear model, and s at most. Judgement."""
@@ -177,7 +177,7 @@ def _play(
         worst = names[int((stray[1] / half).argmax())]
         return 0.0, f"between samples {worst} strays by more than {STRAYS:g} of X"
     specification = ReachAvoid(kind="reach_avoid", target=_target(model, posture, half))
-    problem = Problem(
+    problem = SynthesisProblem(
         own, specification, space, (cells,) * len(names), every, gap=constant(spread), gap_axes=[], stray=stray
     )
     solution = specification.solve(problem.game())

@@ -34,7 +34,7 @@ from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import SymbolicModel
 from simgap.specifications.invariance import Invariance
 from simgap.specifications.space import Space
-from simgap.synthesis.synthesise import Problem
+from simgap.synthesis.synthesise import SynthesisProblem
 
 REACH = 0.25
 """Half-width of X for the largest position on which the motion depends: of 1 rad, of the length of a pendulum of the
@@ -204,7 +204,7 @@ class Search:
         ]
         ends = dict(zip(space.states, zip(x - half, x + half, strict=True), strict=True))
         specification = Invariance(kind="invariance", safe=ends)
-        problem = Problem(self.sampled, specification, space, cells, np.array(list(itertools.product(*every))))
+        problem = SynthesisProblem(self.sampled, specification, space, cells, np.array(list(itertools.product(*every))))
         inputs = tuple(s * (c // 2) for s, c in zip(steps, counts, strict=True))
         if against:
             spread = against * changed(self.sampled, self.posture, np.array(inputs))

@@ -58,11 +58,11 @@ class Basis:
     inputs: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        seen: dict[sp.Expr, str] = {}
+        texts: dict[sp.Expr, str] = {}
         for text, expr in zip(self.terms, self.exprs, strict=True):
-            if expr in seen:
-                raise UserError(f"the terms '{seen[expr]}' and '{text}' are the same", key="gap.basis")
-            seen[expr] = text
+            if expr in texts:
+                raise UserError(f"the terms '{texts[expr]}' and '{text}' are the same", key="gap.basis")
+            texts[expr] = text
         if not self.terms:
             raise UserError("the basis has no terms", key="gap.basis", remedy="List at least the constant 1.")
 

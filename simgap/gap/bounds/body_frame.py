@@ -269,8 +269,8 @@ def nominal_motion(
     motion = step(start, inputs) - start
     for _ in range(4):
         other = start + rng.uniform(-1.0, 1.0, (len(inputs), 3)) * [3.0 if n == k else 1.0 for n in range(3)]
-        seen = to_body(step(other, inputs) - other, other[:, k], pose)
-        off = float(np.abs(seen - motion).max())
+        turned = to_body(step(other, inputs) - other, other[:, k], pose)
+        off = float(np.abs(turned - motion).max())
         if off > NOMINAL_TOLERANCE:
             raise UserError(
                 f"the symmetry is declared but false for the nominal model: its step differs by {off:.3g} between "

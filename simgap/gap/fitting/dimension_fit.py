@@ -1,4 +1,4 @@
-"""What every form of bound has: fits of a dimension, the gap function made of all of them, and what it rests on."""
+"""Base of every form of bound: fits of a dimension, the gap function made of all of them, and what it rests on."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Calibration:
 
 @dataclass(frozen=True, eq=False)
 class BoundInputs:
-    """What a bound takes beside its fits.
+    """Inputs of a bound beside its fits.
 
     Attributes:
         where: the places of the samples. settings: of the fit. lipschitz: constants of each dimension.

@@ -81,8 +81,8 @@ class LinearFit(DimensionFit, kind="linear"):
         where, _ = samples.where, samples.ranges  # refuses samples that are not those of a known gap
         basis = basis_of(where, settings)
         design, blank = Design(basis, Centres(where.grid), where.inputs), blank_form(basis, where)
-        asked = {"upper": (True,), "lower": (False,)} if settings.signed else {"both": (True, False)}
-        problems = {name: SideProblem(design, samples, sides, blank) for name, sides in asked.items()}
+        wanted = {"upper": (True,), "lower": (False,)} if settings.signed else {"both": (True, False)}
+        problems = {name: SideProblem(design, samples, sides, blank) for name, sides in wanted.items()}
         return cls(basis.terms, {name: fit_side(problem, settings) for name, problem in problems.items()})
 
     @classmethod

@@ -134,12 +134,12 @@ class SideProblem:
 
     @cached_property
     def targets(self) -> list[Values]:
-        """What q.p must cover at the samples of the grid, (N, M) a side."""
+        """Values that q.p must cover at the samples of the grid, (N, M) a side."""
         return [self.samples.side(up) for up in self.sides]
 
     @cached_property
     def beside_targets(self) -> list[Floats]:
-        """What it must cover at the samples beside the grid, (E, M) a side; none without them."""
+        """Values that it must cover at the samples beside the grid, (E, M) a side; none without them."""
         beside = self.samples.beside
         return [beside.side(up) for up in self.sides] if beside is not None else []
 

@@ -104,15 +104,15 @@ class GridLipschitz(
     def place(self, states: Sequence[str], lo: Floats, hi: Floats) -> str:
         """Sentence on where the gap jumps, by how much, and the usual cause; lo, hi (nx,) are the ends of X."""
         ratios = ", ".join(f"{r:.2f} along {s}" for s, r in zip(states, self.ratio, strict=True) if r > GATE)
-        seen = ratios or "in what the basis leaves"
+        evidence = ratios or "in what the basis leaves"
         if self.rough_box is None:
-            return f"the gap has no jump, it bends faster than the grid sees ({seen})"
+            return f"the gap has no jump, it bends faster than the grid sees ({evidence})"
         low, high = self.rough_box
         thin = [j for j in range(len(states)) if high[j] - low[j] < THIN * (hi[j] - lo[j])]
         if not thin and self.layers:
             return self._crowded(states)
         if not thin and self.rough_share > EVERYWHERE:
-            return f"that is so almost everywhere: no jump, the cells are too few to follow the gap ({seen})"
+            return f"that is so almost everywhere: no jump, the cells are too few to follow the gap ({evidence})"
         ends = [f"{low[j]:.3g} < {states[j]} < {high[j]:.3g}" for j in (thin or range(len(states)))]
         found = f"the gap jumps by up to {self.jump:.3g} where {' and '.join(ends)}"
         if thin:

@@ -57,11 +57,11 @@ class OffGrid:
 
         A gap may be steep beside a surface (stick or slip) where it is flat in the middle of the cell.
         """
-        behind, ahead = self.at.neighbours(j).T
-        back, on = (self._slope(a, b, j) for a, b in ((behind, np.arange(len(behind))), (np.arange(len(ahead)), ahead)))
-        lone = ((behind == np.arange(len(behind))) | (ahead == np.arange(len(ahead))))[:, None]
+        before, after = self.at.neighbours(j).T
+        back, on = (self._slope(a, b, j) for a, b in ((before, np.arange(len(before))), (np.arange(len(after)), after)))
+        lone = ((before == np.arange(len(before))) | (after == np.arange(len(after))))[:, None]
         part = np.maximum(np.abs(back), np.abs(on)) + np.where(lone, 0.0, np.abs(on - back))
-        return h * np.maximum(np.maximum(part[behind], part), part[ahead])
+        return h * np.maximum(np.maximum(part[before], part), part[after])
 
     def _slope(self, a: Ints, b: Ints, j: int) -> Floats:
         away = (self.at.x[b, j] - self.at.x[a, j])[:, None]

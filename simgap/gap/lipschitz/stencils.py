@@ -54,13 +54,13 @@ def middle(out: Bools, j: int, grid: Grid) -> Bools:
 def to_cells(step: Floats | Bools, j: int, grid: Grid, expected: Floats | None = None) -> Floats:
     """Larger absolute difference beside each cell, less its `expected`: `steps` -> (cells_1, ..., cells_nx, M)."""
     if j in grid.periodic:
-        ahead, behind = step, np.roll(step, 1, axis=j)
+        forward, backward = step, np.roll(step, 1, axis=j)
     else:
         first, last = np.take(step, [0], axis=j), np.take(step, [-1], axis=j)
-        ahead, behind = np.concatenate([step, last], axis=j), np.concatenate([first, step], axis=j)
+        forward, backward = np.concatenate([step, last], axis=j), np.concatenate([first, step], axis=j)
     if expected is None:
-        return np.maximum(np.abs(ahead), np.abs(behind))
-    return np.maximum(np.abs(ahead - expected), np.abs(behind - expected))
+        return np.maximum(np.abs(forward), np.abs(backward))
+    return np.maximum(np.abs(forward - expected), np.abs(backward - expected))
 
 
 def bends(step: Floats, j: int, grid: Grid) -> Floats:

@@ -103,5 +103,5 @@ def _widened(grid: BodySamples, sequences: BodySamples, classes: PreviousClasses
     lower = hull(place, inner[0][:, None], classes.count * inputs)[0].reshape(classes.count, inputs)
     upper = hull(place, inner[1][:, None], classes.count * inputs)[1].reshape(classes.count, inputs)
     own = classes.after(sequences.previous), sequences.m
-    beyond = np.maximum(np.maximum(lower[own] - outer[0], outer[1] - upper[own]), 0.0)
-    return Widened(lower, upper, float(beyond.max()), extrapolated_maximum(beyond, COORDINATES))
+    excess = np.maximum(np.maximum(lower[own] - outer[0], outer[1] - upper[own]), 0.0)
+    return Widened(lower, upper, float(excess.max()), extrapolated_maximum(excess, COORDINATES))

@@ -200,9 +200,9 @@ def search(
 
     found = directed_search(score, Histories(grid.counts, length + 1), budget, rng)
     excess = table.excess(joined(tried))
-    beyond = np.maximum(excess, 0.0)
-    margin = np.array([extrapolated_maximum(own, COORDINATES) for own in beyond.T])
-    return HistorySearch(beyond.max(axis=0), margin, len(excess), int((excess > 0).any(axis=1).sum()),
+    positive = np.maximum(excess, 0.0)
+    margin = np.array([extrapolated_maximum(own, COORDINATES) for own in positive.T])
+    return HistorySearch(positive.max(axis=0), margin, len(excess), int((excess > 0).any(axis=1).sum()),
                     _worst(found.worst(5), grid))  # fmt: skip
 
 

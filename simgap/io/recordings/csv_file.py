@@ -72,7 +72,7 @@ def _first_lines(path: Path, file: str) -> tuple[int, str, str, list[str]]:
 
 
 def not_text(path: Path, file: str) -> UserError:
-    """What to say of a file that is not UTF-8 text, by how it begins."""
+    """Message for a file that is not UTF-8 text, by how it begins."""
     with reading.opened(path) as stream:
         start = stream.read(16)
     problem, remedy = next(

@@ -29,7 +29,7 @@ _NUMBERS = frozenset({int, float, bool})
 _MEND = "Write a number there, or leave the sample out."
 
 
-def json_cells(path: Path, asked: Iterable[str], file: str) -> tuple[tuple[str, ...], dict[str, list[Any]]]:
+def json_cells(path: Path, columns: Iterable[str], file: str) -> tuple[tuple[str, ...], dict[str, list[Any]]]:
     """The names of all columns, and the cells of those that are asked for.
 
     Raises:
@@ -37,7 +37,7 @@ def json_cells(path: Path, asked: Iterable[str], file: str) -> tuple[tuple[str, 
     """
     samples = read_samples(path, file)
     constants, varying, rows = samples.constants, dict[str, None](), 0
-    cells: dict[str, list[Any]] = {name: [] for name in asked}
+    cells: dict[str, list[Any]] = {name: [] for name in columns}
     for rows, row in enumerate(samples.rows, 1):
         if not row.keys() <= varying.keys():
             varying |= dict.fromkeys(row)
@@ -89,12 +89,12 @@ def _labels(cells: Sequence[Any], file: str, name: str) -> pa.Array:
 
 
 def _bad(file: str, name: str, row: int, cell: Any, what: str) -> UserError:
-    said = f"'{excerpt(cell, 40)}' is {what}"
+    problem = f"'{excerpt(cell, 40)}' is {what}"
     if cell is None or cell is _ABSENT:
-        said = "null is not a reading" if cell is None else "the sample has no such key"
+        problem = "null is not a reading" if cell is None else "the sample has no such key"
     elif isinstance(cell, str):
-        said = f"'{excerpt(cell, 40)}' is a text, not a number"
-    return UserError(f"row {row + 1}, key '{excerpt(name, 40)}': {said}", file=file, remedy=_MEND)
+        problem = f"'{excerpt(cell, 40)}' is a text, not a number"
+    return UserError(f"row {row + 1}, key '{excerpt(name, 40)}': {problem}", file=file, remedy=_MEND)
 
 
 def _text(name: str) -> str:
@@ -112,7 +112,7 @@ _WRITTEN = "Correct it there, or export it again."
 
 @dataclass(frozen=True)
 class Samples:
-    """What a file holds.
+    """Samples of a file.
 
     Attributes:
         constants: name -> a number, a text, a boolean or None that stands beside the samples.
@@ -205,7 +205,7 @@ def _malformed(error: json.JSONDecodeError, file: str, line: int) -> UserError:
 
 
 def _samples(content: Any, file: str) -> Samples:
-    """What a document says."""
+    """Samples of a document."""
     if isinstance(content, list):
         return Samples({}, _rows(enumerate(content, 1), file, "row"))
     if not isinstance(content, dict):

@@ -39,7 +39,7 @@ _ONE_CLOCK = "Record both at the same time, by one clock (stamps of simulated ti
 
 @dataclass(frozen=True)
 class _Topic:
-    """What one topic told, by stamps: (n,) instants, ns, ascending, by column (n,) values; notes: on their order."""
+    """Numbers of one topic: stamps (n,) in ns, ascending; by column, values (n,); notes on their order."""
 
     stamps: Ints
     columns: dict[str, Floats]
@@ -66,19 +66,19 @@ def read_mcap(path: Path, wanted: Sequence[str], file: str, sha256: str) -> RawT
     with opened_bag(path, file) as bag:
         header = _header(bag)
         chosen = [name for name in dict.fromkeys(wanted) if name in header]
-        asked = [topic for topic in bag.kinds if any(header[name] == topic for name in chosen)]
-        heard = {topic: _heard(bag, topic, [n for n in chosen if header[n] == topic]) for topic in asked}
-    joints = next((topic for topic in asked if bag.kinds[topic] in JOINTS), None)
+        chosen_topics = [topic for topic in bag.kinds if any(header[name] == topic for name in chosen)]
+        topics = {topic: _read_topic(bag, topic, [n for n in chosen if header[n] == topic]) for topic in chosen_topics}
+    joints = next((topic for topic in chosen_topics if bag.kinds[topic] in JOINTS), None)
     if joints is None:  # the reading names what it misses
         return RawTable(file, tuple(header), np.zeros(0, np.int64), "ns", {}, sha256=sha256)
-    stamps = heard[joints].stamps
-    first, columns = 0, dict(heard[joints].columns)
-    for topic, told in heard.items():
+    stamps = topics[joints].stamps
+    first, columns = 0, dict(topics[joints].columns)
+    for topic, one in topics.items():
         if topic != joints:
-            at = np.searchsorted(told.stamps, stamps, side="right") - 1
-            first = max(first, int(np.searchsorted(stamps, told.stamps[0])))
-            columns |= {name: values[np.maximum(at, 0)] for name, values in told.columns.items()}
-            if told.stamps[-1] < stamps[0] and any(np.ptp(values) > 0.0 for values in told.columns.values()):
+            at = np.searchsorted(one.stamps, stamps, side="right") - 1
+            first = max(first, int(np.searchsorted(stamps, one.stamps[0])))
+            columns |= {name: values[np.maximum(at, 0)] for name, values in one.columns.items()}
+            if one.stamps[-1] < stamps[0] and any(np.ptp(values) > 0.0 for values in one.columns.values()):
                 raise UserError(
                     f"has no joint state before the last message of '{excerpt(topic, 60)}'", file=file,
                     remedy=_ONE_CLOCK,
@@ -86,7 +86,7 @@ def read_mcap(path: Path, wanted: Sequence[str], file: str, sha256: str) -> RawT
     if first >= len(stamps):
         raise UserError("has no joint state after the first command", file=file, remedy=_ONE_CLOCK)
     kept = {name: np.ascontiguousarray(columns[name][first:]) for name in chosen}
-    notes = tuple(note for told in heard.values() for note in told.notes)
+    notes = tuple(note for one in topics.values() for note in one.notes)
     return RawTable(file, tuple(header), stamps[first:], "ns", kept, sha256=sha256, notes=notes)
 
 
@@ -104,7 +104,7 @@ def _header(bag: Bag) -> dict[str, str]:
     return found
 
 
-def _heard(bag: Bag, topic: str, own: Sequence[str]) -> _Topic:
+def _read_topic(bag: Bag, topic: str, own: Sequence[str]) -> _Topic:
     """These columns of every message of a topic."""
     stamps, logged = list[int](), list[int]()
     columns: dict[str, list[float]] = {name: [] for name in own}
@@ -146,10 +146,10 @@ def _instants(stamps: Ints, logged: Ints, topic: str, file: str) -> Ints:
     if not stamps.any():
         return logged
     order = np.argsort(logged, kind="stable")
-    begun = int(np.argmax(stamps[order] != 0))
-    late = np.flatnonzero(stamps[order][begun:] == 0)
-    if late.size or (begun and stamps[order][begun] >= _SIMULATED_NS):
-        k = int(order[begun + late[0] if late.size else 0]) + 1
+    first_set = int(np.argmax(stamps[order] != 0))
+    late = np.flatnonzero(stamps[order][first_set:] == 0)
+    if late.size or (first_set and stamps[order][first_set] >= _SIMULATED_NS):
+        k = int(order[first_set + late[0] if late.size else 0]) + 1
         raise UserError(
             f"message {k} of '{excerpt(topic, 60)}' has no stamp in its header, others have", file=file,
             remedy="Let the driver set header.stamp in every message, or in none: when it was logged counts then.",
@@ -168,11 +168,11 @@ def _in_order(stamps: Ints, logged: Ints, topic: str, file: str) -> tuple[NDArra
             remedy="Cut it there (`mcap filter`): each start of the clock is a recording of its own.",
         )  # fmt: skip
     overtaken = int(np.sum(back > 0))
-    told = (
+    note = (
         f"{overtaken:,} of {len(stamps):,} messages of '{excerpt(topic, 60)}' "
         f"are stamped before one that was logged earlier, by up to {back.max() / 1e9:.3g} s; they are put in order",
     )
-    return order[np.argsort(stamps[order], kind="stable")], told if overtaken else ()
+    return order[np.argsort(stamps[order], kind="stable")], note if overtaken else ()
 
 
 def _twice(topic: str, content: Any) -> frozenset[str]:
@@ -254,7 +254,7 @@ class Bag:
             require_room(size)
 
     def _records(self, channels: set[int]) -> Iterator[Any]:
-        """What the file holds, but for chunks that say they have none of these channels."""
+        """Records of the file, without chunks that say they have none of these channels."""
         from mcap.data_stream import ReadDataStream
         from mcap.records import Chunk
         from mcap.stream_reader import StreamReader
@@ -291,8 +291,8 @@ def _zstd(data: bytes, size: int) -> bytes:
     """Unpacked, `size` bytes at most: a frame that tells its length gets that much memory whatever it holds."""
     import zstandard
 
-    told = zstandard.get_frame_parameters(data).content_size
-    if told not in (size, zstandard.CONTENTSIZE_UNKNOWN):
+    declared = zstandard.get_frame_parameters(data).content_size
+    if declared not in (size, zstandard.CONTENTSIZE_UNKNOWN):
         raise ValueError("a chunk does not fit its length")
     return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
 
@@ -342,9 +342,10 @@ def _topics(summary: Any, file: str) -> tuple[dict[str, str], dict[str, set[int]
         if schema.name not in (*JOINTS, *_NUMBERS, *_ARRAYS):
             continue
         if (channel.message_encoding, schema.encoding) != ("cdr", "ros2msg"):
-            said = excerpt(f"{channel.message_encoding}, {schema.encoding}", 40)
+            others = excerpt(f"{channel.message_encoding}, {schema.encoding}", 40)
             raise UserError(
-                f"'{excerpt(topic, 60)}' is not in messages of ROS 2 (cdr, ros2msg) but in others ({said})", file=file,
+                f"'{excerpt(topic, 60)}' is not in messages of ROS 2 (cdr, ros2msg) but in others ({others})",
+                file=file,
                 remedy="Convert it to ROS 2 messages.",
             )  # fmt: skip
         if len(schema.data) > _DEFINITION:

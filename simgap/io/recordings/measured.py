@@ -50,9 +50,9 @@ def load_reading(
         reading = read_traces(tables, channels, reading_options(section, strict))
         for t in tables if conditions else ():
             measured_columns(t.file, t.header, t.units, (*channels, *conditions))  # refuses what a file lacks
-        told = {(t.file, label): v for t in tables for label, v in told_by_columns(t, conditions).items()}
+        conditions_held = {(t.file, label): v for t in tables for label, v in told_by_columns(t, conditions).items()}
         words = column_words(tables, (*channels, *conditions), (section.time.column, section.trace_column))
-        held = {name: told[origin] for name, origin in reading.origins.items() if origin in told}
+        held = {name: conditions_held[origin] for name, origin in reading.origins.items() if origin in conditions_held}
         return replace(reading, columns=words, conditions=held)
     except UserError as error:  # results name a file relative to the case, a message as the person typed it
         file = typed.get(str(error.file), error.file if error.file is not None else case)
@@ -85,16 +85,16 @@ def condition_channels(model: SymbolicModel, section: MeasuredSection, case: str
         section.conditions_from, tuple(model.parameters), "conditions_from", "not a parameter of the plant", case
     )
     found = []
-    for name, told in section.conditions_from.items():
-        if told.column == section.time.column:
+    for name, column in section.conditions_from.items():
+        if column.column == section.time.column:
             raise UserError(
-                f"'{told.column}' is the column of time stamps", file=case,
+                f"'{column.column}' is the column of time stamps", file=case,
                 key=f"measured.conditions_from.{name}.column", remedy="Name one that holds the parameter.",
             )  # fmt: skip
         unit = model.parameters[name].unit
-        _refuse_unit(f"measured.conditions_from.{name}", unit, told.unit, case)
+        _refuse_unit(f"measured.conditions_from.{name}", unit, column.unit, case)
         found.append(
-            Channel(name, unit, True, told.column, told.unit, told.scale, mapped=True, section="conditions_from")
+            Channel(name, unit, True, column.column, column.unit, column.scale, mapped=True, section="conditions_from")
         )
     return tuple(found)
 

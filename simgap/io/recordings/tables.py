@@ -72,7 +72,7 @@ def read_recording(path: Path, wanted: Iterable[str], time: str, trace: str, nam
 
 
 def kind_of(path: Path) -> Kind:
-    """What a recording is, by its name or by how it begins."""
+    """Kind of a recording, by its name or by how it begins."""
     try:
         with reading.opened(path) as stream:
             start = stream.read(64)
@@ -88,15 +88,15 @@ def kind_of(path: Path) -> Kind:
 
 
 def _source(
-    kind: Kind, path: Path, file: str, time: str = "", labels: str | None = None, asked: Sequence[str] = ()
+    kind: Kind, path: Path, file: str, time: str = "", labels: str | None = None, wanted: Sequence[str] = ()
 ) -> _Source:
-    """The names of all columns, what reads some of those asked for as an Arrow table, how messages call a column.
+    """The names of all columns, what reads the wanted ones as an Arrow table, how messages call a column.
 
     Args:
         time: the column of stamps; labels: that of text.
     """
     if kind == "json":
-        names, cells = json_cells(path, asked, file)
+        names, cells = json_cells(path, wanted, file)
         return names, lambda columns: json_table(cells, columns, time, labels, file), "key"
     if kind == "parquet":
         return parquet_header(path, file), lambda columns: read_parquet_columns(path, columns, file), "column"
@@ -105,7 +105,7 @@ def _source(
 
 
 def _whole(raw: RawTable, path: Path, file: str) -> RawTable:
-    """What was read, if the file is still the same."""
+    """The table as it was read, if the file is still the same."""
     if reading.sha256(path) != raw.sha256:
         raise UserError("was changed while it was read", file=file, remedy="Wait until it is written, then run again.")
     return raw
@@ -200,7 +200,11 @@ def _no_nulls(column: Any, file: str, name: str) -> None:
 
 def _bad_cell(file: str, name: str, row: int, cell: str) -> UserError:
     what = f"'{cell[:40]}' is not a finite number" if cell else "the cell is empty or not a number"
-    return UserError(f"row {row + 1}, {name}: {what}", file=file, remedy="Remove the row or drop its time with a mask.")
+    return UserError(
+        f"row {row + 1}, {name}: {what}",
+        file=file,
+        remedy="Remove the row, or drop its time: measured.masks: [{drop: [from, to]}].",
+    )
 
 
 def _labels(column: Any, file: str, name: str) -> Any:
@@ -250,7 +254,7 @@ def parquet_header(path: Path, file: str) -> tuple[str, ...]:
 
 
 def rig_record(path: Path) -> Any:
-    """What a file that `simgap rig` wrote says of its simulator; None of any other, readable or not."""
+    """Record of the simulator in a file that `simgap rig` wrote; None of any other, readable or not."""
     try:
         record = record_of(parquet_schema(path)) if kind_of(path) == "parquet" else None
     except (pa.ArrowException, OSError, UserError):

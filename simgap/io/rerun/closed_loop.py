@@ -40,7 +40,7 @@ from simgap.io.rerun.recording import (
     share_of_bound,
 )
 from simgap.io.rerun.scene import log_scene, robot_name, stance, viewed
-from simgap.io.traces import NOMINAL, ROBUST, SIMULATOR, TITLES, Trace, twin
+from simgap.io.traces import GAP_AWARE, NOMINAL, SIMULATOR, TITLES, Trace, twin
 from simgap.notation import axis_label
 from simgap.synthesis.controller import Controller
 
@@ -145,14 +145,14 @@ def on_plane(controller: Controller) -> Floats:
     return winning.reshape(*winning.shape[:2], -1).mean(axis=2)
 
 
-def domains_image(robust: Controller, nominal: Controller) -> NDArray[np.uint8]:
+def domains_image(gap_aware: Controller, nominal: Controller) -> NDArray[np.uint8]:
     """Where each controller wins, as colours: (c1, c0, 3), second state upward.
 
     More than two states: where it wins for every value of the others.
     """
-    a, b = on_plane(robust) >= 1.0, on_plane(nominal) >= 1.0
+    a, b = on_plane(gap_aware) >= 1.0, on_plane(nominal) >= 1.0
     image = np.empty((*a.shape, 3), np.uint8)
-    for chosen, colour in ((~a & ~b, NEITHER), (a & b, BOTH), (a & ~b, COLOURS[ROBUST]), (~a & b, COLOURS[NOMINAL])):
+    for chosen, colour in ((~a & ~b, NEITHER), (a & b, BOTH), (a & ~b, COLOURS[GAP_AWARE]), (~a & b, COLOURS[NOMINAL])):
         image[chosen] = rgb(colour)[:3]
     return np.ascontiguousarray(image.transpose(1, 0, 2)[::-1])
 
@@ -168,18 +168,18 @@ def log_phase(recording: Any, content: Content) -> None:
     """Log the image and the runs; nothing for plants with one state, or grids that differ."""
     import rerun as rr
 
-    robust, nominal = content.controllers[ROBUST], content.controllers[NOMINAL]
-    if len(content.states) < 2 or robust.grid.cells != nominal.grid.cells:
+    gap_aware, nominal = content.controllers[GAP_AWARE], content.controllers[NOMINAL]
+    if len(content.states) < 2 or gap_aware.grid.cells != nominal.grid.cells:
         return
-    image = domains_image(robust, nominal)
+    image = domains_image(gap_aware, nominal)
     repeat = max(1, PIXELS // max(image.shape[:2]))
     image = image.repeat(repeat, axis=0).repeat(repeat, axis=1)
     recording.log("phase/winning_domains", rr.Image(image), static=True)
     size = 0.004 * max(image.shape[:2])
     for controller, trace in content.shown.items():
-        points = to_pixels(trace.x, robust.grid.box, image.shape[:2])
+        points = to_pixels(trace.x, gap_aware.grid.box, image.shape[:2])
         name, colour = f"phase/{controller}", rgb(COLOURS[controller])
-        if controller == ROBUST:
+        if controller == GAP_AWARE:
             colour = rgb("#00436B")
         recording.log(f"{name}/path", rr.LineStrips2D([points], colors=colour, radii=0.35 * size), static=True)
         look = rr.Points2D.from_fields(colors=rgb(style.BLACK), radii=1.6 * size, labels=TITLES[controller])
@@ -404,4 +404,4 @@ def _gaps(content: Content) -> Any:
         share = ["/bound/**", f"/shown/{controller}/share/**"]
         views.append(_plot(content, "where each gap lies in its bound, ±1", share))
         tabs.append(rrb.Vertical(*views, name=f"Gap, {TITLES[controller]}"))
-    return rrb.Tabs(*tabs, active_tab=list(content.shown).index(ROBUST))
+    return rrb.Tabs(*tabs, active_tab=list(content.shown).index(GAP_AWARE))

@@ -1,4 +1,4 @@
-"""What a recording of the closed loop shows, the curves that it holds of every run, its file, time line, colours."""
+"""Content of a recording of the closed loop: the curves of every run, its file, time line and colours."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class PlanarScene:
 
 @dataclass(frozen=True, eq=False)
 class Content:
-    """What a recording shows."""
+    """Content of a recording."""
 
     case: str
     about: str  # Markdown

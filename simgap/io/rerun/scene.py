@@ -46,7 +46,7 @@ def log_scene(recording: Any, content: Content) -> None:
 
 
 def robot_name(urdf: Path) -> str:
-    """What the URDF calls its robot."""
+    """Name of the robot in its URDF."""
     return reading.read_xml(urdf).get("name", "")
 
 

@@ -11,7 +11,7 @@ from simgap.arrays import Floats
 from simgap.io import figure_style as style
 from simgap.io.figure_style import COLOURS
 from simgap.io.rerun.recording import PlanarScene
-from simgap.io.traces import CAREFUL, EVERY_TITLE, NOMINAL, ROBUST, SIMULATOR, TITLES, Trace
+from simgap.io.traces import BASELINE, EVERY_TITLE, GAP_AWARE, NOMINAL, SIMULATOR, TITLES, Trace
 from simgap.notation import axis_label
 
 FOOTPRINTS = 7
@@ -33,7 +33,7 @@ def arena_figure(
     import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(1, 2, figsize=(style.WIDTH, 5.2), sharex=True, sharey=True)
-    for axis, kind in zip(axes, (NOMINAL, ROBUST), strict=True):
+    for axis, kind in zip(axes, (NOMINAL, GAP_AWARE), strict=True):
         surroundings(axis)
         _frame(axis, scene)
         for trace in traces:
@@ -106,7 +106,7 @@ def times_figure(steps: Mapping[str, Sequence[int]], tau: float, promised: int |
     figure, axis = plt.subplots(figsize=(style.WIDTH, 3.0))
     own = {
         kind: tau * np.asarray(steps[kind], dtype=float)
-        for kind in (NOMINAL, CAREFUL, ROBUST)
+        for kind in (NOMINAL, BASELINE, GAP_AWARE)
         if len(steps.get(kind, ()))
     }
     longest = max([float(t.max()) for t in own.values()] + ([tau * promised] if promised else []))
@@ -119,7 +119,7 @@ def times_figure(steps: Mapping[str, Sequence[int]], tau: float, promised: int |
     axis.set_ylabel("runs")
     if promised:
         label = f"promised by the gap-aware controller from any winning state: {tau * promised:g} s"
-        axis.axvline(tau * promised, color=COLOURS[ROBUST], ls=(0, (4, 2)), lw=1.8, label=label)
+        axis.axvline(tau * promised, color=COLOURS[GAP_AWARE], ls=(0, (4, 2)), lw=1.8, label=label)
     axis.set_xlim(0.0, 1.02 * longest if promised else longest)
     figure.legend(loc="outside upper left", ncols=1)
     return figure

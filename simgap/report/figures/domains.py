@@ -9,12 +9,12 @@ import numpy as np
 
 from simgap.io import figure_style as style
 from simgap.io.figure_style import COLOURS
-from simgap.io.traces import NOMINAL, ROBUST, SIMULATOR, TITLES, Trace
+from simgap.io.traces import GAP_AWARE, NOMINAL, SIMULATOR, TITLES, Trace
 from simgap.notation import axis_label
 from simgap.report.figures.cells import cell_map, layer_panels
 from simgap.synthesis.controller import Controller
 
-_PALE = {ROBUST: "#BBD9EC", NOMINAL: "#F6D3BC"}
+_PALE = {GAP_AWARE: "#BBD9EC", NOMINAL: "#F6D3BC"}
 
 
 def domains_figure(
@@ -35,19 +35,19 @@ def domains_figure(
     import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(1, 2, figsize=(style.WIDTH, 4.0), sharex=True, sharey=True)
-    for axis, kind in zip(axes, (NOMINAL, ROBUST), strict=True):
+    for axis, kind in zip(axes, (NOMINAL, GAP_AWARE), strict=True):
         controller = controllers[kind]
         _region(axis, controller, _PALE[kind])
         if surroundings is not None:
             surroundings(axis)
-        other = ROBUST if kind == NOMINAL else NOMINAL
+        other = GAP_AWARE if kind == NOMINAL else NOMINAL
         _outline(axis, controllers[other], COLOURS[other])
         for trace in traces:
             if trace.controller == kind and trace.plant == SIMULATOR:
                 _run(axis, trace, COLOURS[kind])
         axis.set_title(f"{TITLES[kind]}: {100.0 * controller.solution.fraction:.1f} % of the cells")
         axis.set_xlabel(axis_label(controller.states[0], units))
-    axes[0].set_ylabel(axis_label(controllers[ROBUST].states[1], units))
+    axes[0].set_ylabel(axis_label(controllers[GAP_AWARE].states[1], units))
     _legend(figure, bool(traces), violated)
     return figure
 

@@ -12,7 +12,7 @@ from simgap.geometry import Box
 from simgap.io import figure_style as style
 from simgap.io.figure_style import COLOURS
 from simgap.io.rerun.recording import share_of_bound
-from simgap.io.traces import NOMINAL, ROBUST, TITLES, Trace, twin
+from simgap.io.traces import GAP_AWARE, NOMINAL, TITLES, Trace, twin
 from simgap.notation import axis_label
 from simgap.report.figures.gap import scaled
 
@@ -34,8 +34,8 @@ def trajectories_figure(
     from matplotlib.ticker import MaxNLocator
 
     window = first_seconds(shown)
-    columns = [(NOMINAL, window), (ROBUST, window), (ROBUST, shown[ROBUST].duration)]
-    if window >= 0.8 * shown[ROBUST].duration:
+    columns = [(NOMINAL, window), (GAP_AWARE, window), (GAP_AWARE, shown[GAP_AWARE].duration)]
+    if window >= 0.8 * shown[GAP_AWARE].duration:
         columns.pop()
     size = (style.WIDTH, 0.8 + 2.3 * len(states))
     figure, axes = plt.subplots(len(states), len(columns), figsize=size, squeeze=False, sharex="col", sharey="row")

@@ -157,7 +157,7 @@ class Abstraction:
     Attributes:
         grid: cells of X, at most 4 axes.
         inputs: the finite input set U, (M, nu).
-        post: compiled function of `pointers.POST`.
+        post: compiled function of `post.POST`.
         meta, data, table: flat arrays that `post` reads.
         axes: for each dimension i, the state axes on which the offset f_i(x, u) - x_i and its spread depend.
         error: bound of the measurement error that the boxes account for, (nx,).
@@ -184,7 +184,7 @@ class Abstraction:
 
     @property
     def shape(self) -> Ints:
-        """The grid as the kernels read it (`holes.layout`): (4, 4)."""
+        """The grid as the kernels read it (`layout`): (4, 4)."""
         return layout(self.grid.cells, self.grid.periodic)
 
     def boxes(self, cells: Ints, first: int = 0, last: int | None = None) -> NDArray[np.int32]:

@@ -38,7 +38,7 @@ OUTSIDE = 2**30
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """`meta` and `data` of a product abstraction, without tables."""
+    """`meta` and `data` of an abstraction, without tables."""
 
     grid: Grid
     inputs: Floats

@@ -15,8 +15,7 @@ from simgap.arrays import Floats, Ints
 from simgap.gap.bounds.body_frame import rotated_box
 from simgap.geometry import Grid
 from simgap.late import njit
-
-SHRINK = 1e-9  # of a cell, as in `regions`: a path that only touches a face does not enter the cell behind it
+from simgap.specifications.regions import SHRINK
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,7 +36,7 @@ class CellGame:
     Attributes:
         space: the states.
         boxes: one abstraction for each class of the previous input that the plant remembers, on the same cells.
-        stray: how far a path strays from its samples where clearance is to cover that, as in `Problem`.
+        stray: how far a path strays from its samples where clearance is to cover that, as in `SynthesisProblem`.
         threads: for the kernels.
         kind: (M,) class of each input; None where nothing is remembered. rest: class in which a run starts.
     """

@@ -12,7 +12,7 @@ from simgap.diagnosis.result import RecordingFault
 class ColouredNoise(Fault):
     """Noise is correlated in time.
 
-    Detected: see below.
+    Detected: after the search, see "Coloured noise" below.
     """
 
     name = "coloured_noise"
@@ -61,7 +61,7 @@ class Push(Fault):
 class PlantChanged(Fault):
     """A parameter changed during the recording.
 
-    Detected: see below.
+    Detected: after the search, see "Coloured noise" below.
     """
 
     name = "plant_changed"

@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from simgap.arrays import Bools, Floats
-from simgap.diagnosis.experiment.beside import Beside
-from simgap.diagnosis.experiment.rivals import Bench, Rival, margins
 from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.thresholds import SELDOM
 from simgap.distributions import norm
 from simgap.excitation import multisine
+from simgap.extras.experiment.beside import Beside
+from simgap.extras.experiment.rivals import Bench, Rival, margins
 
 SIZES = (1.0, 0.5, 0.2)
 """Shares of the range in which each family is tried."""
@@ -55,7 +55,7 @@ class Counted:
 
 
 @dataclass(frozen=True, eq=False)
-class Proposal:
+class InputProposal:
     """The best input.
 
     Attributes:
@@ -96,7 +96,7 @@ def propose(
     benches: Sequence[Bench], rivals: Sequence[Rival], rng: np.random.Generator,
     tell: Callable[[str], None] = lambda words: None, few: bool = False,
     beside: Beside | None = None, counted: Counted | None = None,
-) -> Proposal:  # fmt: skip
+) -> InputProposal:  # fmt: skip
     """Try every family on each bench (one for each known condition), and improve the best ones.
 
     Args:
@@ -118,7 +118,7 @@ def propose(
         tell(f"{count} inputs tried")
     if not found:
         nothing = Counted(np.ones((len(rivals), len(rivals)), dtype=bool), np.zeros((0, 1), dtype=bool))
-        return Proposal(None, 0, count, left, 0.0, 0.0, nothing)
+        return InputProposal(None, 0, count, left, 0.0, 0.0, nothing)
     counted = counted or _told(found, rivals, benches)
     found = [(k, replace(a, score=_score(a, rivals, benches[k], counted))) for k, a in found]
     found.sort(key=lambda pair: -pair[1].score)
@@ -136,7 +136,7 @@ def propose(
             best.sort(key=lambda pair: -pair[1].score)
     where, top = best[0]
     certain = sure(top.d, rivals, benches[where], counted)
-    return Proposal(top, where, count, left, certain, shown(top, counted), counted)
+    return InputProposal(top, where, count, left, certain, shown(top, counted), counted)
 
 
 def _told(found: Sequence[tuple[int, Try]], rivals: Sequence[Rival], benches: Sequence[Bench]) -> Counted:

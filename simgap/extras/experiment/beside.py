@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.diagnosis.experiment.rivals import Bench, Explained, Known, margin, members, translated
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.search.fit import fit
@@ -27,6 +26,7 @@ from simgap.diagnosis.simulation.parts import parts_of
 from simgap.diagnosis.simulation.sensitivity import Direction, linearise, scaled, slot_direction
 from simgap.diagnosis.simulation.supermodel import SuperModel
 from simgap.distributions import norm
+from simgap.extras.experiment.rivals import Bench, Explained, KnownRivals, margin, members, translated
 from simgap.model.symbolic import SymbolicModel
 
 _UNSEEN = 1e-10
@@ -87,7 +87,7 @@ class Beside:
 
 
 def beside(
-    model: SymbolicModel, record: Record, settings: DiagnosisSettings, answer: Explained, known: Known
+    model: SymbolicModel, record: Record, settings: DiagnosisSettings, answer: Explained, known: KnownRivals
 ) -> Beside:
     """What may hide beside an answer, the first of what is known."""
     noise = dict(zip(record.measured, map(float, known.problem.sigma), strict=True))

@@ -161,7 +161,7 @@ Explained = Sequence[AppliedEffect]
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
+class KnownRivals:
     """What the recordings at hand say.
 
     Attributes:
@@ -177,7 +177,7 @@ class Known:
 def known_rivals(
     model: SymbolicModel, record: Record, settings: DiagnosisSettings, sets: Sequence[Explained],
     noise: Mapping[str, float],
-) -> Known:  # fmt: skip
+) -> KnownRivals:  # fmt: skip
     """Fit each set of effects to the recordings, begun where the diagnosis ended.
 
     Args:
@@ -187,7 +187,7 @@ def known_rivals(
     parts, _ = parts_of(model, record, replace(settings, noise=dict(noise), effects=library_names(sets)))
     problem = coarse(parts.known)
     found = [_fitted(problem, effects) for effects in sets]
-    return Known(problem, tuple(r for r, _ in found), max(1.0, min(reduced for _, reduced in found)))
+    return KnownRivals(problem, tuple(r for r, _ in found), max(1.0, min(reduced for _, reduced in found)))
 
 
 def library_names(sets: Sequence[Explained]) -> tuple[str, ...]:

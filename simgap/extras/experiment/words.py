@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from simgap.diagnosis.experiment.ask import WANTED, Advice, Question
+from simgap.extras.experiment.ask import WANTED, Advice, Question
 from simgap.notation import joined, number, pretty_unit
 
 _MOST_NAMED = 3

@@ -11,9 +11,6 @@ from typing import TypeVar
 import numpy as np
 
 from simgap.arrays import Bools, Floats
-from simgap.diagnosis.experiment.beside import Beside, beside
-from simgap.diagnosis.experiment.propose import ENOUGH, Proposal, propose
-from simgap.diagnosis.experiment.rivals import Bench, Explained, Known, known_rivals, library_names, translated
 from simgap.diagnosis.record.conditions import conditioned
 from simgap.diagnosis.record.folds import Windows, cut_in_folds, needed_ahead
 from simgap.diagnosis.record.noise import worth
@@ -23,6 +20,9 @@ from simgap.diagnosis.simulation.supermodel import cached_supermodel
 from simgap.diagnosis.thresholds import AS_MUCH, CONFIDENCE, MATTERS
 from simgap.effects import AppliedEffect
 from simgap.errors import UserError
+from simgap.extras.experiment.beside import Beside, beside
+from simgap.extras.experiment.propose import ENOUGH, InputProposal, propose
+from simgap.extras.experiment.rivals import Bench, Explained, KnownRivals, known_rivals, library_names, translated
 from simgap.geometry import Box
 from simgap.model.symbolic import SymbolicModel
 from simgap.notation import number, pretty_unit
@@ -180,7 +180,7 @@ class Question:
         """Unit of an input of the model, known conditions among them."""
         return next(v.unit for v in self.model.inputs if v.name == name)
 
-    def bench(self, known: Known, held: tuple[float, ...], count: int | None = None) -> Bench:
+    def bench(self, known: KnownRivals, held: tuple[float, ...], count: int | None = None) -> Bench:
         """Where the next recording is made under these conditions, with so many samples (all of t if not given)."""
         problem, t = known.problem, self.t[:count]
         windows, tells = windows_to_come(self.record, self.settings, t)
@@ -199,11 +199,11 @@ class Advice:
     `longest`: the best one of the whole length, where a shorter one is enough.
     """
 
-    known: Known
-    proposal: Proposal
+    known: KnownRivals
+    proposal: InputProposal
     bench: Bench
     remedy: Remedy | None
-    longest: Proposal | None = None
+    longest: InputProposal | None = None
 
 
 def ask(question: Question, rng: np.random.Generator, tell: Callable[[str], None] = lambda words: None) -> Advice:
@@ -230,11 +230,11 @@ def ask(question: Question, rng: np.random.Generator, tell: Callable[[str], None
     return Advice(known, proposal, bench, remedy, longest)
 
 
-_Found = tuple[Proposal, Bench]
+_Found = tuple[InputProposal, Bench]
 
 
 def _shorter(
-    question: Question, known: Known, whole: Proposal, hidden: Beside, rng: np.random.Generator,
+    question: Question, known: KnownRivals, whole: InputProposal, hidden: Beside, rng: np.random.Generator,
     tell: Callable[[str], None],
 ) -> _Found | None:  # fmt: skip
     """The shortest recording that is enough, and its bench; None if only the whole one is."""

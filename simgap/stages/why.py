@@ -1,0 +1,37 @@
+"""Why a state of a case wins or loses, from the results of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from simgap.errors import UserError
+from simgap.gap.sampling.points import own_point
+from simgap.io.controller_file import load_controller_of
+from simgap.plants.context import Context
+from simgap.stages.synthesis import pose_problem
+from simgap.synthesis.why import why
+
+
+def run(case: Path, at: Mapping[str, float], results: Path | None = None) -> tuple[str, ...]:
+    """Sentences on the state that `at` names, all states of the case by name.
+
+    Args:
+        results: folder of the case's results; `results/<case>` if not given.
+
+    Raises:
+        UserError: a state that is not named, results that are not there, a controller with memory.
+    """
+    context = Context.load(case)
+    if set(at) != set(context.states):
+        raise UserError(f"a state is {', '.join(context.states)}", key="--at", remedy="Name each of them once.")
+    folder = results if results is not None else Path("results") / context.case.name
+    with context.blame():
+        problem, _ = pose_problem(context, folder / "gap" / own_point(context.case) / "gap.json")
+        aware, nominal = (
+            load_controller_of(folder / "synthesis" / kind / "controller.npz", context) for kind in ("gap", "nominal")
+        )
+        x = np.array([at[name] for name in context.states], dtype=np.float64)
+        return why(problem, aware, nominal, x)
