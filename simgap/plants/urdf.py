@@ -13,7 +13,7 @@ controller) refuses them.
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from simgap.arrays import Floats
 from simgap.errors import UserError
 from simgap.late import sympy as sp
 from simgap.model.symbolic import Coordinate, NamedParameter, Parameter, SymbolicModel, Variable, symbol
-from simgap.model.tree import Tree, moved
+from simgap.model.tree import PARAMETERS, Tree, moved
 from simgap.plants.equations_of_motion import derive_accelerations
 from simgap.plants.urdf_checks import check_urdf, loading, root_link
 
@@ -76,7 +76,9 @@ def load_urdf(
         inverse = inverse_mass(order, parameters)
         acceleration = inverse * (forces - bias(order, rates, parameters))
     else:
-        inverse, free = derive_accelerations(plant, joints, order, rates, _inertias(plant), GRAVITY)
+        pull = np.array([symbol(name) for name in GRAVITY])
+        tree = _tree(plant, joints, lambda name: symbol(name) if parameters[name].value else sp.Integer(0), pull)
+        inverse, free = derive_accelerations(tree, order, rates)
         acceleration = free + inverse * forces
     rows = {q: symbol(v) for q, v in zip(order, rates, strict=True)}
     rows |= {v: acceleration[k] for k, v in enumerate(rates)}
@@ -184,14 +186,6 @@ def moving_bodies(plant: Any) -> list[Any]:
     return [b for b in bodies if not plant.IsAnchored(b)]
 
 
-def _inertias(plant: Any) -> dict[str, dict[str, sp.Expr]]:
-    """Inertial parameters of each body that has a mass, as symbols; those that are 0 stay 0, and entries small."""
-    values = {n: symbol(n) if p.value else sp.Integer(0) for n, p in _inertial_parameters(plant).items()}
-    keys = ("m", *(f"c{a}" for a in _AXES), *_MOMENTS)
-    every = {b.name(): {key: values[f"{b.name()}.{key}"] for key in keys} for b in moving_bodies(plant)}
-    return {name: own for name, own in every.items() if own["m"] != 0}
-
-
 def _named_parameters(plant: Any, kept: Mapping[str, Parameter]) -> dict[str, NamedParameter]:
     named: dict[str, NamedParameter] = {}
 
@@ -255,21 +249,29 @@ def load_tree(path: Path, gravity: float = 9.81) -> Tree:
         UserError: a joint other than a hinge or a slide.
     """
     plant, names = multibody_plant(path, (0.0, 0.0, -gravity))
+    parameters = _inertial_parameters(plant)
+    return _tree(plant, names, lambda name: parameters[name].value, np.array([0.0, 0.0, -gravity]))
+
+
+def _tree(plant: Any, names: Sequence[str], value: Callable[[str], Any], gravity: Floats) -> Tree:
+    """The joints and bodies of a plant, with each inertial parameter as a number or as an expression."""
     joints = [plant.GetJointByName(name) for name in names]
     context = plant.CreateDefaultContext()
     poses = {joint.child_body().name(): _pose(plant, context, joint.child_body()) for joint in joints}
     carried = {body.name(): k for k, j in enumerate(joints) for body in plant.GetBodiesWeldedTo(j.child_body())}
-    parent, turn, place, inertial = [], [], [], np.zeros((len(joints), 10))
+    parent, turn, place, inertial = [], [], [], []
     for k, joint in enumerate(joints):
         up = joint.parent_body()
         parent.append(carried.get(up.name(), -1))
         base = poses[joints[parent[k]].child_body().name()] if parent[k] >= 0 else (np.eye(3), np.zeros(3))
-        own = _at_zero(plant, context, joint)
+        own, mine = _at_zero(plant, context, joint), poses[joint.child_body().name()]
         turn.append(base[0].T @ own[0])
         place.append(base[0].T @ (own[1] - base[1]))
+        whole = np.zeros(len(PARAMETERS))
         for body in plant.GetBodiesWeldedTo(joint.child_body()):
-            other, mine = _pose(plant, context, body), poses[joint.child_body().name()]
-            inertial[k] += moved(_parameters(body), mine[0].T @ other[0], mine[0].T @ (other[1] - mine[1]))
+            other = _pose(plant, context, body)
+            whole = whole + moved(_standard(body.name(), value), mine[0].T @ other[0], mine[0].T @ (other[1] - mine[1]))
+        inertial.append(whole)
     return Tree(
         joints=tuple(names),
         links=tuple(j.child_body().name() for j in joints),
@@ -278,9 +280,9 @@ def load_tree(path: Path, gravity: float = 9.81) -> Tree:
         place=np.array(place),
         axis=np.array([_axis(j) for j in joints]),
         slides=np.array([j.type_name() == "prismatic" for j in joints]),
-        inertial=inertial,
+        inertial=np.array(inertial),
         damping=np.array([float(j.default_damping()) for j in joints]),
-        gravity=np.array([0.0, 0.0, -gravity]),
+        gravity=gravity,
     )
 
 
@@ -300,8 +302,7 @@ def _at_zero(plant: Any, context: Any, joint: Any) -> tuple[Floats, Floats]:
     return np.array(pose.rotation().matrix()), np.array(pose.translation())
 
 
-def _parameters(body: Any) -> Floats:
-    inertia = body.default_spatial_inertia()
-    m, com = inertia.get_mass(), np.array(inertia.get_com())
-    tensor = inertia.CalcRotationalInertia().CopyToFullMatrix3()  # about the body frame's origin: its joint
-    return np.concatenate([[m], m * com, tensor[np.triu_indices(3)]])
+def _standard(body: str, value: Callable[[str], Any]) -> Floats:
+    """`model.tree.PARAMETERS` of a body, by the value of each of its inertial parameters."""
+    own = {key: value(f"{body}.{key}") for key in ("m", *(f"c{a}" for a in _AXES), *_MOMENTS)}
+    return np.array([own[p] if p in own else own["m"] * own[f"c{p[1]}"] for p in PARAMETERS])
