@@ -257,19 +257,22 @@ def _tree(plant: Any, names: Sequence[str], value: Callable[[str], Any], gravity
     """The joints and bodies of a plant, with each inertial parameter as a number or as an expression."""
     joints = [plant.GetJointByName(name) for name in names]
     context = plant.CreateDefaultContext()
-    poses = {joint.child_body().name(): _pose(plant, context, joint.child_body()) for joint in joints}
+    moving = (joint.child_body() for joint in joints)
+    poses = {body.name(): _parts(body.EvalPoseInWorld(context)) for body in moving}
     carried = {body.name(): k for k, j in enumerate(joints) for body in plant.GetBodiesWeldedTo(j.child_body())}
     parent, turn, place, inertial = [], [], [], []
     for k, joint in enumerate(joints):
         up = joint.parent_body()
         parent.append(carried.get(up.name(), -1))
         base = poses[joints[parent[k]].child_body().name()] if parent[k] >= 0 else (np.eye(3), np.zeros(3))
-        own, mine = _at_zero(plant, context, joint), poses[joint.child_body().name()]
+        # at position 0 a joint's frame on its parent is that of the body that it moves
+        own = _parts(joint.frame_on_parent().CalcPoseInWorld(context))
+        mine = poses[joint.child_body().name()]
         turn.append(base[0].T @ own[0])
         place.append(base[0].T @ (own[1] - base[1]))
         whole = np.zeros(len(PARAMETERS))
         for body in plant.GetBodiesWeldedTo(joint.child_body()):
-            other = _pose(plant, context, body)
+            other = _parts(body.EvalPoseInWorld(context))
             whole = whole + moved(_standard(body.name(), value), mine[0].T @ other[0], mine[0].T @ (other[1] - mine[1]))
         inertial.append(whole)
     return Tree(
@@ -291,14 +294,8 @@ def _axis(joint: Any) -> Floats:
     return np.array(axis, dtype=np.float64)
 
 
-def _pose(plant: Any, context: Any, body: Any) -> tuple[Floats, Floats]:
-    pose = plant.EvalBodyPoseInWorld(context, body)
-    return np.array(pose.rotation().matrix()), np.array(pose.translation())
-
-
-def _at_zero(plant: Any, context: Any, joint: Any) -> tuple[Floats, Floats]:
-    """Pose in the world of the joint's frame on its parent, which at position 0 is that of the body that it moves."""
-    pose = joint.frame_on_parent().CalcPoseInWorld(context)
+def _parts(pose: Any) -> tuple[Floats, Floats]:
+    """Rotation and origin."""
     return np.array(pose.rotation().matrix()), np.array(pose.translation())
 
 
