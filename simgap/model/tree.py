@@ -1,12 +1,14 @@
 """A tree of rigid bodies on hinges and slides, as numbers, and its inverse dynamics, linear in the inertial parameters.
 
-Newton-Euler for all samples at once, in NumPy: for each body the wrench about its joint is a 6 x 10 matrix times its
-inertial parameters, which is handed down to the base and projected on every axis on the way. Source: Atkeson, An,
-Hollerbach (1986), Int. J. Robotics Research 5(3), sec. 2; Featherstone (2008), Rigid Body Dynamics Algorithms, ch. 5.
+Newton-Euler for all samples at once, in NumPy, on numbers or on expressions: for each body the wrench about its joint
+is a 6 x 10 matrix times its inertial parameters, which is handed down to the base and projected on every axis on the
+way. Source: Atkeson, An, Hollerbach (1986), Int. J. Robotics Research 5(3), sec. 2; Featherstone (2008), Rigid Body
+Dynamics Algorithms, ch. 5.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +20,8 @@ PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
 
 Equations of motion are linear in them (Atkeson, An, Hollerbach (1986), Int. J. Robotics Research 5(3))."""
 UNITS = ("kg", *["kg*m"] * 3, *["kg*m^2"] * 6)
+Turning = tuple[Callable[[Floats], Floats], Callable[[Floats], Floats]]
+"""Sine and cosine of arrays."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,15 +77,19 @@ def symmetric(six: Floats) -> Floats:
 
 
 def _cross(p: Floats) -> Floats:
-    return np.array([[0.0, -p[2], p[1]], [p[2], 0.0, -p[0]], [-p[1], p[0], 0.0]])
+    return np.array([[0, -p[2], p[1]], [p[2], 0, -p[0]], [-p[1], p[0], 0]])
 
 
-def regressor(tree: Tree, q: Floats, v: Floats, a: Floats) -> Floats:
-    """Y with `forces = Y @ tree.inertial.ravel()`: positions, velocities, accelerations (N, n) -> (N, n, 10 n)."""
-    turns, places = _frames(tree, q)
+def regressor(tree: Tree, q: Floats, v: Floats, a: Floats, turning: Turning = (np.sin, np.cos)) -> Floats:
+    """Y with `forces = Y @ tree.inertial.ravel()`: positions, velocities, accelerations (N, n) -> (N, n, 10 n).
+
+    Args:
+        turning: sine and cosine of an array; other than NumPy's where entries are expressions.
+    """
+    turns, places = _frames(tree, q, turning)
     count, n = q.shape
     spin, pull, lift = _motion(tree, turns, places, v, a)
-    out = np.zeros((count, n, n, 10))
+    out = np.zeros((count, n, n, 10), dtype=q.dtype)
     for i in range(n):
         force, moment = _wrench(spin[i], pull[i], lift[i])
         j = i
@@ -93,12 +101,12 @@ def regressor(tree: Tree, q: Floats, v: Floats, a: Floats) -> Floats:
     return out.reshape(count, n, 10 * n)
 
 
-def forces(tree: Tree, q: Floats, v: Floats, a: Floats) -> Floats:
+def forces(tree: Tree, q: Floats, v: Floats, a: Floats, turning: Turning = (np.sin, np.cos)) -> Floats:
     """Inverse dynamics: the generalised forces of the motion, (N, n) each -> (N, n)."""
-    return regressor(tree, q, v, a) @ tree.inertial.ravel()
+    return regressor(tree, q, v, a, turning) @ tree.inertial.ravel()
 
 
-def _frames(tree: Tree, q: Floats) -> tuple[list[Floats], list[Floats]]:
+def _frames(tree: Tree, q: Floats, turning: Turning) -> tuple[list[Floats], list[Floats]]:
     """Rotation (N, 3, 3) of each body's frame into its parent's and place (N, 3) of its origin there."""
     turns, places = [], []
     for j in range(tree.size):
@@ -107,9 +115,9 @@ def _frames(tree: Tree, q: Floats) -> tuple[list[Floats], list[Floats]]:
             turns.append(np.broadcast_to(tree.turn[j], (len(q), 3, 3)))
             places.append(tree.place[j] + q[:, j, None] * (tree.turn[j] @ e))
             continue
-        skew = np.array([[0.0, -e[2], e[1]], [e[2], 0.0, -e[0]], [-e[1], e[0], 0.0]])
-        s, c = np.sin(q[:, j])[:, None, None], np.cos(q[:, j])[:, None, None]
-        turns.append(tree.turn[j] @ (np.eye(3) + s * skew + (1.0 - c) * (skew @ skew)))  # Rodrigues
+        s, c = (function(q[:, j])[:, None, None] for function in turning)
+        skew = _cross(e)
+        turns.append(tree.turn[j] @ (np.eye(3, dtype=np.int64) + s * skew + (1 - c) * (skew @ skew)))  # Rodrigues
         places.append(np.broadcast_to(tree.place[j], (len(q), 3)))
     return turns, places
 
@@ -118,7 +126,7 @@ def _motion(
     tree: Tree, turns: list[Floats], places: list[Floats], v: Floats, a: Floats
 ) -> tuple[list[Floats], list[Floats], list[Floats]]:
     """For each body, in its frame: angular velocity and acceleration, acceleration of its origin less gravity."""
-    still = np.zeros((len(v), 3))
+    still = np.zeros((len(v), 3), dtype=v.dtype)
     spin: list[Floats] = []
     pull: list[Floats] = []
     lift: list[Floats] = []
@@ -130,7 +138,7 @@ def _motion(
         w, dw, up = ((back @ x[:, :, None])[:, :, 0] for x in (w, dw, up))
         rate, push = v[:, j, None] * tree.axis[j], a[:, j, None] * tree.axis[j]
         if tree.slides[j]:
-            up = up + push + 2.0 * np.cross(w, rate)
+            up = up + push + 2 * np.cross(w, rate)
         else:
             dw = dw + push + np.cross(w, rate)
             w = w + rate
@@ -142,7 +150,7 @@ def _motion(
 
 def _wrench(w: Floats, dw: Floats, up: Floats) -> tuple[Floats, Floats]:
     """Force and moment about its origin that a body's motion takes, (N, 3, 10) times its inertial parameters each."""
-    force, moment = np.zeros((len(w), 3, 10)), np.zeros((len(w), 3, 10))
+    force, moment = (np.zeros((len(w), 3, 10), dtype=w.dtype) for _ in range(2))
     ww = _skew(w)
     force[:, :, 0] = up
     force[:, :, 1:4] = _skew(dw) + ww @ ww
@@ -152,14 +160,14 @@ def _wrench(w: Floats, dw: Floats, up: Floats) -> tuple[Floats, Floats]:
 
 
 def _skew(x: Floats) -> Floats:
-    out = np.zeros((len(x), 3, 3))
+    out = np.zeros((len(x), 3, 3), dtype=x.dtype)
     out[:, 0, 1], out[:, 0, 2], out[:, 1, 2] = -x[:, 2], x[:, 1], -x[:, 0]
     return out - out.transpose(0, 2, 1)
 
 
 def _spread(x: Floats) -> Floats:
     """I x as a matrix (N, 3, 6) times xx, xy, xz, yy, yz, zz of I."""
-    out = np.zeros((len(x), 3, 6))
+    out = np.zeros((len(x), 3, 6), dtype=x.dtype)
     for k, (i, j) in enumerate(zip(*np.triu_indices(3), strict=True)):
         out[:, i, k] += x[:, j]
         if i != j:

@@ -1,9 +1,7 @@
 """A URDF, loaded by Drake: as a symbolic model whose inertial parameters stay symbols, or as a `Tree` of numbers.
 
-Drake's symbolic `MultibodyPlant` gives the mass matrix M(q), the bias C(q, v) v and the gravity forces; the
-accelerations follow as `vdot = M^-1 (tau_g - C v - D v + B u)`. (Its symbolic articulated-body solve fails on a pivot
-test for more than one degree of freedom, hence the mass matrix.) A joint's URDF `friction` is ignored by Drake and
-therefore here; `damping` is kept.
+Accelerations are `vdot = M^-1 (tau_g - C v - D v + B u)`, with mass matrix, bias and gravity by
+`equations_of_motion`. A joint's URDF `friction` is ignored by Drake and therefore here; `damping` is kept.
 
 Writing out the inverse mass matrix of three joints takes a minute of CPU and of six does not end; Newton-Euler on the
 numbers takes microseconds (`model.tree`: 17 us a sample with the regressor of six joints). So from three joints on,
@@ -15,7 +13,7 @@ controller) refuses them.
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,9 +23,9 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.errors import UserError
 from simgap.late import sympy as sp
-from simgap.model.simplified import simplified
 from simgap.model.symbolic import Coordinate, NamedParameter, Parameter, SymbolicModel, Variable, symbol
-from simgap.model.tree import Tree, moved
+from simgap.model.tree import PARAMETERS, Tree, moved
+from simgap.plants.equations_of_motion import derive_accelerations
 from simgap.plants.urdf_checks import check_urdf, loading, root_link
 
 GRAVITY = ("gravity_x", "gravity_y", "gravity_z")
@@ -78,7 +76,9 @@ def load_urdf(
         inverse = inverse_mass(order, parameters)
         acceleration = inverse * (forces - bias(order, rates, parameters))
     else:
-        inverse, free = _equations(path, plant, joints, order, rates)
+        pull = np.array([symbol(name) for name in GRAVITY])
+        tree = _tree(plant, joints, lambda name: symbol(name) if parameters[name].value else sp.Integer(0), pull)
+        inverse, free = derive_accelerations(tree, order, rates)
         acceleration = free + inverse * forces
     rows = {q: symbol(v) for q, v in zip(order, rates, strict=True)}
     rows |= {v: acceleration[k] for k, v in enumerate(rates)}
@@ -186,68 +186,6 @@ def moving_bodies(plant: Any) -> list[Any]:
     return [b for b in bodies if not plant.IsAnchored(b)]
 
 
-def _equations(
-    path: Path, plant: Any, joints: list[str], order: list[str], rates: list[str]
-) -> tuple[sp.Matrix, sp.Matrix]:
-    """M(q)^-1, and the acceleration without forces, M^-1 (weight - C(q, v) v).
-
-    Gravity is linear in its vector, so one unit vector at a time.
-    """
-    mass, bias, _ = _drake_symbolic(plant, order, rates)
-    weight = sp.zeros(len(joints), 1)
-    for k, name in enumerate(GRAVITY):
-        unit, _ = multibody_plant(path, tuple(float(k == i) for i in range(3)))  # type: ignore[arg-type]
-        weight += symbol(name) * _drake_symbolic(unit, order, rates)[2]
-    mass, bias, weight = (simplified(m, _simplify, "urdf 1") for m in (mass, bias, weight))
-    inverse = simplified(mass, lambda m: _simplify(m.inv(method="ADJ")), "inverse 1")
-    return inverse, simplified(inverse * (weight - bias), _simplify, "urdf 1")
-
-
-def _drake_symbolic(plant: Any, order: list[str], rates: list[str]) -> tuple[sp.Matrix, sp.Matrix, sp.Matrix]:
-    import numpy as np
-    from pydrake.multibody.tree import SpatialInertia_, UnitInertia_
-    from pydrake.symbolic import Expression, Variable, to_sympy
-
-    memo: dict[Any, Any] = {}
-
-    def variable(name: str) -> Any:
-        drake = Variable(name)
-        memo[drake.get_id()] = symbol(name)
-        return Expression(drake)
-
-    values = _inertial_parameters(plant)
-
-    def parameter(name: str) -> Any:  # a structural zero stays zero: it keeps the expressions small
-        return variable(name) if values[name].value else Expression(0.0)
-
-    twin = plant.ToSymbolic()
-    context = twin.CreateDefaultContext()
-    for body in moving_bodies(plant):
-        name = body.name()
-        if not values[f"{name}.m"].value:
-            continue  # a frame of a sensor or a tool: no mass, so no inertia either
-        m = parameter(f"{name}.m")
-        com = np.array([parameter(f"{name}.c{a}") for a in _AXES])
-        unit = UnitInertia_[Expression](*(parameter(f"{name}.{moment}") / m for moment in _MOMENTS))
-        inertia = SpatialInertia_[Expression](m, com, unit, skip_validity_check=True)
-        twin.GetBodyByName(name).SetSpatialInertiaInBodyFrame(context, inertia)
-    twin.SetPositions(context, np.array([variable(n) for n in order]))
-    twin.SetVelocities(context, np.array([variable(n) for n in rates]))
-
-    def convert(array: Any) -> sp.Matrix:
-        entries = np.atleast_2d(np.asarray(array, dtype=object).T).T
-        return sp.Matrix(entries.shape[0], entries.shape[1], [to_sympy(e, memo=memo) for e in entries.ravel()])
-
-    gravity = twin.CalcGravityGeneralizedForces(context)
-    return convert(twin.CalcMassMatrix(context)), convert(twin.CalcBiasTerm(context)), convert(gravity)
-
-
-def _simplify(matrix: sp.Matrix) -> sp.Matrix:
-    """Exact rationals and trigonometric identities; beyond two joints the search costs more than it saves."""
-    rational = matrix.applyfunc(lambda e: sp.nsimplify(e, rational=True))
-    return rational.applyfunc(sp.simplify if matrix.rows <= 2 else sp.cancel)
-
-
 def _named_parameters(plant: Any, kept: Mapping[str, Parameter]) -> dict[str, NamedParameter]:
     named: dict[str, NamedParameter] = {}
 
@@ -311,21 +249,32 @@ def load_tree(path: Path, gravity: float = 9.81) -> Tree:
         UserError: a joint other than a hinge or a slide.
     """
     plant, names = multibody_plant(path, (0.0, 0.0, -gravity))
+    parameters = _inertial_parameters(plant)
+    return _tree(plant, names, lambda name: parameters[name].value, np.array([0.0, 0.0, -gravity]))
+
+
+def _tree(plant: Any, names: Sequence[str], value: Callable[[str], Any], gravity: Floats) -> Tree:
+    """The joints and bodies of a plant, with each inertial parameter as a number or as an expression."""
     joints = [plant.GetJointByName(name) for name in names]
     context = plant.CreateDefaultContext()
-    poses = {joint.child_body().name(): _pose(plant, context, joint.child_body()) for joint in joints}
+    moving = (joint.child_body() for joint in joints)
+    poses = {body.name(): _parts(body.EvalPoseInWorld(context)) for body in moving}
     carried = {body.name(): k for k, j in enumerate(joints) for body in plant.GetBodiesWeldedTo(j.child_body())}
-    parent, turn, place, inertial = [], [], [], np.zeros((len(joints), 10))
+    parent, turn, place, inertial = [], [], [], []
     for k, joint in enumerate(joints):
         up = joint.parent_body()
         parent.append(carried.get(up.name(), -1))
         base = poses[joints[parent[k]].child_body().name()] if parent[k] >= 0 else (np.eye(3), np.zeros(3))
-        own = _at_zero(plant, context, joint)
+        # at position 0 a joint's frame on its parent is that of the body that it moves
+        own = _parts(joint.frame_on_parent().CalcPoseInWorld(context))
+        mine = poses[joint.child_body().name()]
         turn.append(base[0].T @ own[0])
         place.append(base[0].T @ (own[1] - base[1]))
+        whole = np.zeros(len(PARAMETERS))
         for body in plant.GetBodiesWeldedTo(joint.child_body()):
-            other, mine = _pose(plant, context, body), poses[joint.child_body().name()]
-            inertial[k] += moved(_parameters(body), mine[0].T @ other[0], mine[0].T @ (other[1] - mine[1]))
+            other = _parts(body.EvalPoseInWorld(context))
+            whole = whole + moved(_standard(body.name(), value), mine[0].T @ other[0], mine[0].T @ (other[1] - mine[1]))
+        inertial.append(whole)
     return Tree(
         joints=tuple(names),
         links=tuple(j.child_body().name() for j in joints),
@@ -334,9 +283,9 @@ def load_tree(path: Path, gravity: float = 9.81) -> Tree:
         place=np.array(place),
         axis=np.array([_axis(j) for j in joints]),
         slides=np.array([j.type_name() == "prismatic" for j in joints]),
-        inertial=inertial,
+        inertial=np.array(inertial),
         damping=np.array([float(j.default_damping()) for j in joints]),
-        gravity=np.array([0.0, 0.0, -gravity]),
+        gravity=gravity,
     )
 
 
@@ -345,19 +294,12 @@ def _axis(joint: Any) -> Floats:
     return np.array(axis, dtype=np.float64)
 
 
-def _pose(plant: Any, context: Any, body: Any) -> tuple[Floats, Floats]:
-    pose = plant.EvalBodyPoseInWorld(context, body)
+def _parts(pose: Any) -> tuple[Floats, Floats]:
+    """Rotation and origin."""
     return np.array(pose.rotation().matrix()), np.array(pose.translation())
 
 
-def _at_zero(plant: Any, context: Any, joint: Any) -> tuple[Floats, Floats]:
-    """Pose in the world of the joint's frame on its parent, which at position 0 is that of the body that it moves."""
-    pose = joint.frame_on_parent().CalcPoseInWorld(context)
-    return np.array(pose.rotation().matrix()), np.array(pose.translation())
-
-
-def _parameters(body: Any) -> Floats:
-    inertia = body.default_spatial_inertia()
-    m, com = inertia.get_mass(), np.array(inertia.get_com())
-    tensor = inertia.CalcRotationalInertia().CopyToFullMatrix3()  # about the body frame's origin: its joint
-    return np.concatenate([[m], m * com, tensor[np.triu_indices(3)]])
+def _standard(body: str, value: Callable[[str], Any]) -> Floats:
+    """`model.tree.PARAMETERS` of a body, by the value of each of its inertial parameters."""
+    own = {key: value(f"{body}.{key}") for key in ("m", *(f"c{a}" for a in _AXES), *_MOMENTS)}
+    return np.array([own[p] if p in own else own["m"] * own[f"c{p[1]}"] for p in PARAMETERS])
