@@ -50,6 +50,19 @@ def test_nothing_gained_is_seldom_sure():
     assert sure <= 12
 
 
+def test_neighbours_that_vary_together_make_a_gain_less_sure():
+    """Each block shares half of its errors with the next, as predictions reach over: nothing is gained, 2,000 times."""
+    rng = np.random.default_rng(90417)
+    sure, independent = 0, 0
+    for _ in range(2000):
+        own = rng.normal(size=21)
+        each = own[1:] + own[:-1]
+        gain = gained(np.zeros(20), each)
+        sure += abs(gain.nats) > gain.half
+        independent += abs(each.mean()) > 2.093 * each.std(ddof=1) / math.sqrt(20)
+    assert sure < 0.1 * 2000 < independent
+
+
 def test_the_scale_is_of_other_blocks_than_those_scored():
     """By hand: one block that misses ten times as far is as improbable as the others say."""
     size = np.concatenate([np.tile([1.0, -1.0], 90), np.tile([10.0, -10.0], 10)])[:, None]

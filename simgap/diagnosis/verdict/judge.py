@@ -76,7 +76,7 @@ def judge(held: Problem, theta: Floats, horizon_s: float) -> HeldOut:
 
 
 def _scored(held: Problem, ahead: HorizonError | None, misses: Floats) -> Errors:
-    """Errors ahead in blocks so long that hardly a prediction reaches over two; else the misses, window by window."""
+    """Errors ahead in blocks so long that none reaches past the next one; else the misses, window by window."""
     heard = held.heard > 0.0
     if ahead is None:
         return Errors(misses[:, heard], np.repeat(np.arange(len(held.windows)), np.diff(held.rows)))
