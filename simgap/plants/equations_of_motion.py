@@ -27,6 +27,7 @@ SAME = 1e-10
 """Below it a coordinate is the whole number beside it: files write a right angle as 1.57079632679, 5e-12 off."""
 
 
+@np.errstate(invalid="ignore")  # NumPy reads flags that arithmetic on expressions leaves
 def derive_accelerations(tree: Tree, order: Sequence[str], rates: Sequence[str]) -> tuple[sp.Matrix, sp.Matrix]:
     """M(q)^-1, and the acceleration without forces, M^-1 (weight - C(q, v) v).
 

@@ -253,6 +253,7 @@ def load_tree(path: Path, gravity: float = 9.81) -> Tree:
     return _tree(plant, names, lambda name: parameters[name].value, np.array([0.0, 0.0, -gravity]))
 
 
+@np.errstate(invalid="ignore")  # NumPy reads flags that arithmetic on expressions leaves
 def _tree(plant: Any, names: Sequence[str], value: Callable[[str], Any], gravity: Floats) -> Tree:
     """The joints and bodies of a plant, with each inertial parameter as a number or as an expression."""
     joints = [plant.GetJointByName(name) for name in names]

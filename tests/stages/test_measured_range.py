@@ -31,7 +31,7 @@ def test_samples_outside_are_counted_once_and_the_farthest_is_told(context):
 def test_commands_outside_are_told_and_ends_are_inside(context, vary):
     said = outside(context, record([0.2, 0], [-0.5, 0], [1.2, 3]))
     assert said.startswith("50 %")
-    assert "u reaches 3 N*m, U [-1.2, 1.2]" in said
+    assert "u reaches 3 N m, U [-1.2, 1.2]" in said
     assert outside(context, record([0.2, 0], [-0.5, 0], [1.2, -1.2])) is None
     free = Context.load(vary("pendulum", {"gap": None, "synthesis": None, "validation": None}))
     assert outside(free, record([9], [9], [9])) is None
