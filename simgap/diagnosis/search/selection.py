@@ -95,13 +95,10 @@ def _best(search: Search, most: int) -> Explanation | None:
 
 
 def grow(search: Search, current: Explanation, most: int) -> Explanation:
-    """Add, drop and swap effects from here on while that pays; then what contains one of them, in its place."""
+    """Add, drop and swap effects from here on while that pays; what contains one of them is tried in its place."""
     while len(current.members) < most:
-        for more in (search.joined, search.refined):  # what contains another costs several fits of more numbers
-            option = choose(more(current))
-            if option is not None and current.bic - option.bic >= BIC_GAIN:
-                break
-        else:
+        option = choose([*search.joined(current), *search.refined(current)])
+        if option is None or current.bic - option.bic < BIC_GAIN:
             break
         current = _prune(search, _swap(search, _prune(search, option)))
     return current
