@@ -1,15 +1,18 @@
 """The bound of hidden forces covers them whatever their order in time, and lets the noise of the readings out."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import sympy as sp
 import yaml
 from scipy.stats import norm
 
 from simgap.config.load import parse_case
 from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.verdict.process_noise import bound_forces
+from simgap.model.symbolic import Parameter, symbol
 from simgap.plants.plant_model import PlantModel
 from tests.stages import diagnosis_example as example
 
@@ -85,3 +88,17 @@ def test_readings_that_are_no_measurement_do_not_count(model):
     one, other = (bound_forces(part, {"q": NOISE}, model, TAU, 0.95) for part in (clean, spiky))
     assert other["v"] == pytest.approx(one["v"], rel=0.2)
     assert bound_forces([], {"q": NOISE}, model, TAU, 0.95) == {}
+
+
+def test_a_delay_that_is_a_parameter_acts_like_its_number(model):
+    """A corrected model holds what was found as parameters."""
+    rng = np.random.default_rng(10)
+    made = windows(forces("white", rng), rng)
+    (command,) = model.input_names
+    named = replace(model, parameters={**model.parameters, "late": Parameter(0.02, "s")})
+    one, other = (
+        bound_forces(made, {"q": NOISE}, m, TAU, 0.95)
+        for m in (model.with_delay(command, sp.Float(0.02)), named.with_delay(command, symbol("late")))
+    )
+    assert one == other
+    assert one != bound_forces(made, {"q": NOISE}, model, TAU, 0.95)

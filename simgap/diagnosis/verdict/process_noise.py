@@ -24,6 +24,7 @@ from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.verdict.missing import compiled
 from simgap.diagnosis.verdict.transitions import joined, mean_input
 from simgap.late import scipy
+from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
 
 _STEPS, _PIECES, _MOST = 20, 4, 200
@@ -128,7 +129,8 @@ class _Plant:
         """A window cut into stretches of nearly the same number of steps."""
         steps = int((w.t[-1] - w.t[0]) / self.step * (1 + 1e-9))
         edges = np.linspace(0, steps, -(-steps // _STEPS) + 1).astype(int)
-        late = [float(self.model.delays.get(n, 0.0)) for n in self.model.input_names]
+        numbers = self.model.values()
+        late = [float(sp.sympify(self.model.delays.get(n, 0)).subs(numbers)) for n in self.model.input_names]
         found, h = [], self.step / self.pieces
         for a, b in itertools.pairwise(edges):
             first = float(w.t[0] + a * self.step)
