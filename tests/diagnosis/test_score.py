@@ -10,7 +10,7 @@ from scipy.stats import t as student
 
 from simgap.diagnosis.confirming import is_borne_out
 from simgap.diagnosis.verdict.score import Errors, Gain, gained
-from simgap.diagnosis.verdict.transfer import preferred_of
+from simgap.diagnosis.verdict.transfer import density_of_choice, preferred_of
 
 
 def _errors(rng: np.random.Generator, scale: float, pushes: np.ndarray, blocks: int = 40, each: int = 25) -> Errors:
@@ -146,3 +146,21 @@ def test_a_channel_that_is_predicted_worse_is_not_hidden_by_one_that_is_better()
     assert gained(both[0].density(), both[1].density()).sure
     assert not is_borne_out(*both)
     assert is_borne_out(*first)
+
+
+def test_what_a_choice_gains_is_measured_on_blocks_that_had_no_say():
+    """Of eight sets that predict as well as nothing the best seems to gain; of the choice that gain is zero."""
+    rng = np.random.default_rng(90423)
+    best, choice = [], []
+    for _ in range(300):
+        sets = [np.zeros(20), *rng.normal(size=(8, 20))]
+        counts, bic, among = [0] + [1] * 8, [0.0] * 9, range(1, 9)
+        best.append(sets[preferred_of(sets, counts, bic, among)[0]].mean())
+        choice.append(density_of_choice(sets, counts, bic, among).mean())
+    assert np.mean(best) > 0.2
+    assert abs(np.mean(choice)) < 2.0 * np.std(choice) / math.sqrt(300)
+
+
+def test_a_choice_that_no_block_can_change_gains_what_its_set_does():
+    sets = [np.zeros(15), np.full(15, 2.0), np.full(15, 0.5)]
+    assert np.all(density_of_choice(sets, (0, 1, 1), (0.0, -90.0, 0.0), (1, 2)) == 2.0)
