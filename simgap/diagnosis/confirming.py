@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -108,34 +109,40 @@ def concentrated(confirm: Problem, names: Sequence[str], old: HeldOut, new: Held
     before, after = old.horizon, new.horizon
     if new.at_noise or before is None or after is None or A_FEW * len(after.error) < 1.0:
         return None
-    size = np.mean((after.error / confirm.sigma) ** 2, axis=1)
-    order = np.argsort(-size)
-    carried = np.cumsum(size[order]) / np.sum(size)
+    size = np.sort(_size(after, confirm.sigma))[::-1]
+    carried = np.cumsum(size) / np.sum(size)
     count = int(np.searchsorted(carried, MOST)) + 1
     if count > A_FEW * len(size):
         return None
-    bad = np.zeros(len(size), dtype=bool)
-    bad[order[:count]] = True
-    hit = _touched(after, bad)
-    if hit.all():
+    worst = [_worst(h, count, confirm.sigma) for h in (before, after)]
+    rest = [~_touched(h, bad) for h, bad in zip((before, after), worst, strict=True)]
+    if not all(r.any() for r in rest):
         return None
-    share, medians = _share(before, after, ~hit, confirm.sigma), (_median(before, confirm), _median(after, confirm))
-    return Concentrated(_places(confirm, names, after, bad), float(carried[count - 1]), share, *medians)
+    was, now = (_excess(h, r, after.floor, confirm.sigma) for h, r in zip((before, after), rest, strict=True))
+    share, medians = math.sqrt(now / was) if was > 0.0 else 1.0, (_median(before, confirm), _median(after, confirm))
+    return Concentrated(_places(confirm, names, after, worst[1]), float(carried[count - 1]), share, *medians)
 
 
-def _touched(after: HorizonError, bad: Bools) -> Bools:
+def _size(h: HorizonError, sigma: Floats) -> Floats:
+    return np.asarray(np.mean((h.error / sigma) ** 2, axis=1))
+
+
+def _worst(h: HorizonError, count: int, sigma: Floats) -> Bools:
+    """So many predictions that miss most, of each model its own: to leave out where one misses would flatter it."""
+    bad = np.zeros(len(h.error), dtype=bool)
+    bad[np.argsort(-_size(h, sigma))[:count]] = True
+    return bad
+
+
+def _touched(h: HorizonError, bad: Bools) -> Bools:
     """Predictions that overlap a bad one."""
-    spans = zip(after.begin[bad], after.end[bad], strict=True)
-    return np.any([(after.begin <= b) & (after.end >= a) for a, b in spans], axis=0)
+    spans = zip(h.begin[bad], h.end[bad], strict=True)
+    return np.any([(h.begin <= b) & (h.end >= a) for a, b in spans], axis=0)
 
 
-def _share(before: HorizonError, after: HorizonError, which: Bools, sigma: Floats) -> float:
-    """Excess after over before, of some of the predictions."""
-    was, now = (
-        np.mean(np.maximum(np.mean(e.error[which] ** 2, axis=0) - after.floor**2, 0.0) / sigma**2)
-        for e in (before, after)
-    )
-    return float(np.sqrt(now / was)) if was > 0.0 else 1.0
+def _excess(h: HorizonError, which: Bools, floor: Floats, sigma: Floats) -> float:
+    """Mean square above the floor, of some of the predictions, in units of the noise."""
+    return float(np.mean(np.maximum(np.mean(h.error[which] ** 2, axis=0) - floor**2, 0.0) / sigma**2))
 
 
 def _median(h: HorizonError, confirm: Problem) -> dict[str, float]:

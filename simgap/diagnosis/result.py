@@ -209,7 +209,7 @@ class Concentrated:
 
     Attributes:
         stretches: the places; error_share: of the squared error there.
-        excess_share_without: excess of E(h) after over before, without what overlaps them.
+        excess_share_without: excess of E(h) after over before, each without what overlaps as many of its own worst.
         median_before, median_after: state -> median of the errors h ahead, all of them.
     """
 
