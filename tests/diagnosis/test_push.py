@@ -185,6 +185,15 @@ def test_where_a_late_log_ends_before_what_acted_nobody_pushed():
         )
 
 
+def test_what_stands_out_before_the_record_is_forgotten_was_no_push():
+    """A drive with a lag that was switched on as the log began: its own past acts there, and nobody pushed."""
+    settings = DiagnosisSettings(noise={"q": 5e-4}, effects=("coulomb_friction",), held_out_traces=("run3",))
+    parts, _ = parts_of(block(), Record((_run(1), _run(2), _run(3)), ("q",), ("u",)), settings)
+    pushed = replace(parts, left_out=((0, -0.05, 0.13), (1, 0.1, 0.25), (1, 4.0, 4.1)))
+    assert pushed.past_the_unknown(0.2).left_out == pushed.left_out[1:]
+    assert pushed.past_the_unknown(0.0).left_out == pushed.left_out
+
+
 def test_windows_are_cut_around_what_is_left_out():
     t = np.concatenate([np.arange(100) * 0.01, np.arange(100) * 0.01])
     at = (np.array(a) for a in ([0, 100, 150], [100, 150, 200], [0, 100, 100], [0, 1, 1]))

@@ -86,9 +86,10 @@ class Columns:
 def better_columns(problem: Problem) -> Columns | None:
     """The possibility under which the declared model misses least, if it is better by far than the columns as they are.
 
-    A large missing effect hides a wrong unit from the declared model: where no possibility is better by far, each is
-    tried once more with friction, biases and gains that are free, those out of sight aside. Small inputs and large
-    readings take the plant out of sight: such a factor must also do better than one that leaves nothing of it.
+    Nor may friction, biases and gains do as well with the columns as they are: a reversed reading keeps an unstable
+    plant in its place, as a better gain does. A large missing effect hides a wrong unit from the declared model: where
+    no possibility is better by far, each is tried once more with these free, those out of sight aside. Small inputs and
+    large readings take the plant out of sight: such a factor must also do better than one that leaves nothing of it.
     """
     few = np.unique(np.linspace(0, len(problem.windows) - 1, _WINDOWS).astype(int))
     part = problem.on(problem.windows.pick(few))
@@ -97,12 +98,12 @@ def better_columns(problem: Problem) -> Columns | None:
         return None
     far = OUT_OF_SIGHT * bar
     tried = [(option, _missed(option.applied(part), far)) for option in _options(problem)]
-    return _best(part, tried, bar) or _best_beside_effects(part, [o for o, left in tried if left <= far])
+    beside = _missed_beside_effects(part, np.inf, PLAUSIBLE_RATIO)  # as they are: with what the search may find
+    return _best(part, tried, beside) or _best_beside_effects(part, [o for o, left in tried if left <= far], beside)
 
 
-def _best_beside_effects(part: Problem, options: Sequence[Columns]) -> Columns | None:
+def _best_beside_effects(part: Problem, options: Sequence[Columns], bar: float) -> Columns | None:
     """The best of the possibilities with effects that are free."""
-    bar = _missed_beside_effects(part, np.inf, PLAUSIBLE_RATIO)  # as they are: with what the search may find
     if bar < OUT_OF_SIGHT or not options:
         return None
     hopeless = _HOPELESS * bar / OUT_OF_SIGHT

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,9 +13,11 @@ from simgap.diagnosis.record.faults.measurement import ReadingFault
 from simgap.diagnosis.result import Key
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import EQUIVALENT_CHI2
+from simgap.diagnosis.search.scoring import begun_at
 from simgap.diagnosis.simulation.sensitivity import scaled, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, COLLINEAR, MOST, WIDTH
+from simgap.effects.start import Start
 
 EXACTLY_COLLINEAR = 1.0 - 1e-6
 """Projected sensitivities with a larger correlation are the same direction, up to rounding."""
@@ -32,8 +34,9 @@ class Rival:
 def rivals(search: Search, chosen: Explanation) -> list[Rival]:
     """All sets within `BIC_GAIN` of the chosen one, best first, each once.
 
-    Each effect is replaced by others in turn, then whole sets by others whose sensitivities span the same space. A set
-    that only adds effects to another one on the list is left out.
+    Each effect is replaced by others in turn, then whole sets by others whose sensitivities span the same space, and an
+    effect of several numbers by one that moves the predictions as these together do. A set that only adds effects to
+    another one on the list is left out.
     """
     if not chosen.members:
         return []
@@ -48,11 +51,13 @@ def rivals(search: Search, chosen: Explanation) -> list[Rival]:
         for c in _stand_ins(search, member):
             own = {c.slots[0]: float(chosen.fit.theta[member.slots[0]])}
             search.explain((*base.members, c), with_values(base.fit.theta, own), chosen.fit)
-    spanned, gram = _spanned(search, chosen)
-    for members in _other_sets(chosen, spanned, gram):
-        theta = _reset(search, chosen, members)
+    null, seen = search.problem.model.null, _Span.around(search, chosen)
+    inside = seen.only([j for j in range(seen.own, len(seen.size)) if seen.holds(range(seen.own), j)])
+    sets = [(inside, *each) for each in _other_sets(chosen, inside)]
+    for span, members, columns in [*sets, *((seen, *each) for each in _simpler(chosen, seen, null))]:
+        theta = _begun(chosen, null, span, members, columns)
         search.explain(members, theta, chosen.fit, again=True)  # an earlier start may have ended elsewhere
-    return _listed(search, chosen, {c.key for c in spanned})
+    return _listed(search, chosen, {c.key for c, _ in inside.joining})
 
 
 def _stand_ins(search: Search, member: Candidate) -> list[Candidate]:
@@ -99,49 +104,110 @@ def _listed(search: Search, chosen: Explanation, spanned: set[Key]) -> list[Riva
     return sorted(found, key=lambda r: r.explanation.bic)
 
 
-def _spanned(search: Search, chosen: Explanation) -> tuple[list[Candidate], Floats]:
-    """Candidates whose projected sensitivity lies in the span of the chosen effects' at the fitted point.
+_Set = tuple[tuple[Candidate, ...], list[int]]
+"""Members, and the columns that are theirs."""
 
-    With the normalised Gram matrix of the free slots of the chosen effects, then of these candidates.
+
+@dataclass(frozen=True, eq=False)
+class _Span:
+    """What the chosen effects and others do to the predictions, around the fit.
+
+    Attributes:
+        own: the chosen effects' free slots, one column each; joining: candidates with a start of one column each.
+        gram, size: normalised Gram matrix and sizes of the columns, in that order.
     """
-    seen = search.screen(chosen)
-    gram, own = scaled(seen.gram)[0], list(range(seen.own))
-    inside = [
-        (c, j) for c, start, (j, *more) in seen.asked
-        if not more and start.amplitude is None and _in_span(gram, own, j)
-    ]  # fmt: skip
-    kept = [*own, *(j for _, j in inside)]
-    return [c for c, _ in inside], np.asarray(gram[np.ix_(kept, kept)])
+
+    own: int
+    joining: tuple[tuple[Candidate, Start], ...]
+    gram: Floats
+    size: Floats
+
+    @staticmethod
+    def around(search: Search, chosen: Explanation) -> _Span:
+        seen = search.screen(chosen)
+        single = [(c, start, j) for c, start, (j, *more) in seen.asked if not more and start.amplitude is None]
+        gram, size = scaled(seen.gram)
+        kept = [*range(seen.own), *(j for *_, j in single)]
+        return _Span(seen.own, tuple((c, start) for c, start, _ in single), gram[np.ix_(kept, kept)], size[kept])
+
+    def only(self, joining: Sequence[int]) -> _Span:
+        """The same with some of the candidates, by their columns."""
+        kept = [*range(self.own), *joining]
+        pairs = tuple(self.joining[j - self.own] for j in joining)
+        return _Span(self.own, pairs, self.gram[np.ix_(kept, kept)], self.size[kept])
+
+    def holds(self, among: Sequence[int], j: int) -> bool:
+        """Whether column j lies in the span of others."""
+        return self.share(among, [j], np.ones(1)) > EXACTLY_COLLINEAR**2
+
+    def share(self, among: Sequence[int], gone: Sequence[int], away: Floats) -> float:
+        """Share of what steps `away` along `gone` do (of its square) that steps along `among` can do."""
+        step = away * self.size[gone]
+        moved = self.gram[np.ix_(among, gone)] @ step
+        weights = np.linalg.lstsq(self.gram[np.ix_(among, among)], moved, rcond=1e-9)[0]
+        return float(weights @ moved) / max(float(step @ self.gram[np.ix_(gone, gone)] @ step), 1e-300)
+
+    def instead(self, among: Sequence[int], gone: Sequence[int], away: Floats) -> Floats:
+        """Steps along `among` that do what steps `away` along `gone` do."""
+        moved = self.gram[np.ix_(among, gone)] @ (away * self.size[gone])
+        return np.asarray(np.linalg.lstsq(self.gram[np.ix_(among, among)], moved, rcond=1e-9)[0] / self.size[among])
 
 
-def _in_span(gram: Floats, among: list[int], j: int) -> bool:
-    """Whether direction j lies in the span of others, by their Gram matrix."""
-    weights = np.linalg.lstsq(gram[np.ix_(among, among)], gram[among, j], rcond=1e-9)[0]
-    return float(weights @ gram[among, j]) > EXACTLY_COLLINEAR**2
+def _columns(chosen: Explanation) -> list[list[int]]:
+    """The columns of each chosen effect."""
+    return [[j for j, k in enumerate(chosen.fit.slots) if k in c.slots] for c in chosen.members]
 
 
-def _other_sets(chosen: Explanation, spanned: list[Candidate], gram: Floats) -> list[tuple[Candidate, ...]]:
+def _other_sets(chosen: Explanation, span: _Span) -> list[_Set]:
     """Other sets of the same size that span what the chosen one does; those with two effects replaced or more first,
     since single replacements were fitted already."""
-    free = [[j for j, k in enumerate(chosen.fit.slots) if k in c.slots] for c in chosen.members]
-    first = len(chosen.fit.slots)
-    pool = [*zip(chosen.members, free, strict=True), *((c, [first + n]) for n, c in enumerate(spanned))]
-    sets = []
+    first = span.own
+    joining = ((c, [first + n]) for n, (c, _) in enumerate(span.joining))
+    pool = [*zip(chosen.members, _columns(chosen), strict=True), *joining]
+    sets: list[_Set] = []
     for picked in itertools.combinations(pool, len(chosen.members)):
         members = tuple(c for c, _ in picked)
         directions = [j for _, own in picked for j in own]
         others = [j for j in range(first) if j not in directions]
-        if others and all(_in_span(gram, directions, j) for j in others):
-            sets.append(members)
-    sets.sort(key=lambda s: len({c.key for c in s} - chosen.keys) == 1)
+        if others and all(span.holds(directions, j) for j in others):
+            sets.append((members, directions))
+    sets.sort(key=lambda s: len({c.key for c in s[0]} - chosen.keys) == 1)
     return sets[: 2 * WIDTH]
 
 
-def _reset(search: Search, chosen: Explanation, members: tuple[Candidate, ...]) -> Floats:
-    """Start of a set: shared effects as fitted, everything else at its null."""
-    keys = {c.key for c in members}
-    gone = [k for c in chosen.members if c.key not in keys for k in c.slots]
-    return with_values(chosen.fit.theta, {k: float(search.problem.model.null[k]) for k in gone})
+def _simpler(chosen: Explanation, span: _Span, null: Floats) -> list[_Set]:
+    """Sets with one number in the place of an effect's several, where these together do nearly what the one does."""
+    sets: list[tuple[float, _Set]] = []
+    for member, gone in zip(chosen.members, _columns(chosen), strict=True):
+        rest = tuple(c for c in chosen.members if c is not member)
+        kept = [j for j in range(span.own) if j not in gone]
+        for n, (c, _) in enumerate(span.joining) if len(gone) > 1 else ():
+            directions = [*kept, span.own + n]
+            share = span.share(directions, gone, _away(chosen, gone, null))
+            if share > COLLINEAR**2:
+                sets.append((share, ((*rest, c), directions)))
+    return [s for _, s in sorted(sets, key=lambda pair: -pair[0])[:WIDTH]]
+
+
+def _away(chosen: Explanation, columns: list[int], null: Floats) -> Floats:
+    """How far what stands in these columns is from its null."""
+    slots = [chosen.fit.slots[j] for j in columns]
+    return np.asarray(chosen.fit.theta[slots] - null[slots])
+
+
+def _begun(
+    chosen: Explanation, null: Floats, span: _Span, members: tuple[Candidate, ...], columns: list[int]
+) -> Floats:
+    """Start of a set (q,): what is gone at its null, the others where they predict the same, to first order."""
+    slots, theta = chosen.fit.slots, chosen.fit.theta
+    gone = [j for j in range(span.own) if j not in columns]
+    values = {k: float(null[k]) for c in chosen.members if c not in members for k in c.slots}
+    for j, step in zip(columns, span.instead(columns, gone, _away(chosen, gone, null)).tolist(), strict=True):
+        if j < span.own:
+            values[slots[j]] = float(theta[slots[j]]) + step
+        else:
+            values |= begun_at(*span.joining[j - span.own], np.array([step])) or {}
+    return with_values(theta, values)
 
 
 def collinear_pairs(search: Search, base: Explanation) -> list[tuple[Key, Key, float]]:

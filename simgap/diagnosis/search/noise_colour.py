@@ -1,16 +1,17 @@
 """Is what a model leaves the noise of a sensor that remembers, or the trace of a force?
 
 A force reaches a position through two integrations: whatever it is, what it leaves there falls at least with the fourth
-power of the frequency, from where the motion itself lies upward. Noise that a sensor or its filter makes falls with the
-second, and meets the white noise of the reading where no force could. So laws of the residual's spectrum compete by
-their likelihood (Whittle (1953), Ark. Mat. 2(5)): white noise and noise with the autocorrelation exp(-|t| / tau),
-against white noise and a steep fall that begins within twice the motion's frequency. Only where the first wins by far,
-the windows agree on its size, and the residual does not follow the input, is it taken for noise.
+power of the frequency, from where the motion itself lies upward; what it leaves in a speed, a level or a temperature,
+with the second. Noise that a sensor or its filter makes falls with the second, and meets the white noise of the reading
+where no force could. So laws of the residual's spectrum compete by their likelihood (Whittle (1953), Ark. Mat. 2(5)):
+white noise and noise with the autocorrelation exp(-|t| / tau), against white noise and such a fall that begins within
+twice the motion's frequency. Only where the first wins by far, the windows agree on its size, and the residual does not
+follow the input, is it taken for noise.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -38,9 +39,11 @@ def noise_colour(problem: Problem, theta: Floats, x0: Floats) -> tuple[Floats, C
     residual, dt = problem.misses(theta, x0), interval(problem.t)
     k = residual.shape[1]
     size, shared, tau = np.ones(k), np.zeros(k), np.full(k, dt)
-    for c in range(k):
+    positions = {c.position for c in problem.model.model.coordinates}
+    for c, name in enumerate(problem.model.measured):
         motion = _motion(problem, c) if np.mean(problem.weight[:, c]) > _OWN else 0.0
-        law = _law(*_spectrum(problem, residual[:, c]), dt, motion) if motion > 0.0 else None
+        falls = (2, 3) if name in positions else (1, 2, 3)
+        law = _law(*_spectrum(problem, residual[:, c]), dt, motion, falls) if motion > 0.0 else None
         if law is not None:
             size[c], shared[c], tau[c] = law
     if not shared.any():
@@ -72,8 +75,13 @@ def _spectrum(problem: Problem, residual: Floats) -> tuple[Floats, float]:
     return np.asarray(power[1 : n // 2]), float(len(whole))
 
 
-def _law(power: Floats, count: float, dt: float, motion: float) -> tuple[float, float, float] | None:
-    """Standard deviation, share that remembers and tau (s) of the noise behind a spectrum; None if it is no such."""
+def _law(
+    power: Floats, count: float, dt: float, motion: float, falls: Sequence[int]
+) -> tuple[float, float, float] | None:
+    """Standard deviation, share that remembers and tau (s) of the noise behind a spectrum; None if it is no such.
+
+    falls: how a force may fall, each with twice that power of the frequency.
+    """
     if len(power) < _FIRST + 5:  # three numbers are not to be had from fewer frequencies
         return None
     n = 2 * (len(power) + 1)
@@ -85,15 +93,12 @@ def _law(power: Floats, count: float, dt: float, motion: float) -> tuple[float, 
         a = np.exp(-dt / np.exp(z[2]))
         return np.asarray(np.exp(z[0]) + np.exp(z[1]) * (1 - a * a) / np.abs(1 - a * np.exp(-1j * turn)) ** 2)
 
-    def steep(z: Floats) -> Floats:
-        return np.asarray(np.exp(z[0]) + np.exp(z[1]) / (1.0 + (turn / dt * np.exp(z[2])) ** 2) ** 2)
-
-    def steeper(z: Floats) -> Floats:
-        return np.asarray(np.exp(z[0]) + np.exp(z[1]) / (1.0 + (turn / dt * np.exp(z[2])) ** 2) ** 3)
+    def falling(order: int) -> Law:
+        return lambda z: np.exp(z[0]) + np.exp(z[1]) / (1.0 + (turn / dt * np.exp(z[2])) ** 2) ** order
 
     white = float(np.log(np.mean(power)) + 1.0) * len(power) * worth
     loss, z = _best(remembering, power, worth, 0.3 * dt, dt)
-    force = min(_best(law, power, worth, 0.5 / motion, dt)[0] for law in (steep, steeper))
+    force = min(_best(falling(order), power, worth, 0.5 / motion, dt)[0] for order in falls)
     if white - loss < BIC_GAIN or force - loss < BIC_GAIN:
         return None
     total = float(np.exp(z[0]) + np.exp(z[1]))

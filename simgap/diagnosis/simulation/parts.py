@@ -40,7 +40,9 @@ class Parts:
 
     def past_the_unknown(self, reach_s: float) -> Parts:
         """The same without the samples on which commands from before the record may still act."""
-        return self.changed(lambda p: p.past_the_unknown(reach_s))
+        kept = self.changed(lambda p: p.past_the_unknown(reach_s))
+        begin = {k: float(self.known.t[f]) + reach_s for _, _, f, k in self.known.windows}
+        return replace(kept, left_out=tuple(s for s in self.left_out if s[2] > begin.get(s[0], -np.inf)))
 
     def before_the_end(self, late_s: float) -> Parts:
         """The same without the end of each trace, where what acted was logged after its last sample."""
@@ -86,7 +88,8 @@ _SHORT = (
 )
 _NO_COORDINATES = (
     "The equations declare no coordinates: friction, springs and other forces on the motion are not sought. Name the "
-    "degrees of freedom under plant.symbolic.coordinates, and their mass_matrix where one moves another."
+    "degrees of freedom under plant.symbolic.coordinates, and their mass_matrix where one moves another. Where a speed "
+    "alone is modelled, add its position as a state; it need not be measured."
 )
 
 

@@ -35,12 +35,18 @@ def some_windows(problem: Problem) -> tuple[Problem, Ints]:
 
 
 def settled(problem: Problem) -> Problem:
-    """The problem with the longest integration step whose halving moves no prediction by a hundredth of the noise."""
+    """The problem with the longest integration step whose halving moves no prediction by a hundredth of the noise.
+
+    It stays as it is where halving leads nowhere: a model that runs into a singularity has no right path behind it.
+    """
     part, _ = some_windows(problem)
-    x0, theta, h = initial_states(part), problem.model.null, problem.h_max
+    x0, theta, h, before = initial_states(part), problem.model.null, problem.h_max, np.inf
     for _ in range(_MOST_HALVINGS):
         coarse, fine = (replace(part, h_max=step).residuals(theta, x0) for step in (h, h / 2))
-        if float(np.max(np.abs(coarse - fine))) < _SHARE:
+        moved = float(np.max(np.abs(coarse - fine)))
+        if moved < _SHARE:
             break
-        h /= 2
+        if moved > before:
+            return problem
+        h, before = h / 2, moved
     return replace(problem, h_max=h)

@@ -152,7 +152,7 @@ def density_of_choice(
     whole = np.stack(densities)
     out = np.empty(whole.shape[1])
     for own in np.array_split(np.arange(len(out)), min(_PARTS, len(out))):
-        first = preferred_of(np.delete(whole, own, axis=1), counts, bic, among)[0]
+        first = preferred_of(list(np.delete(whole, own, axis=1)), counts, bic, among)[0]
         out[own] = whole[first, own]
     return out
 

@@ -56,8 +56,12 @@ def explained(document: Document) -> str:
     if told is None:
         return f"{100 * min(max(float(document['explained_share']), 0.0), 1.0):.0f} % of the excess error"
     low, high = (f"{100 * min(max(end, 0.0), 1.0):.0f}" for end in told["ci95"])
-    h = document["error"]["after"]["horizon_s"]
-    return f"{100 * told['share']:.0f} % ({low} to {high}) of the error{f' {h:g} s ahead' if h else ''}"
+    return f"{100 * told['share']:.0f} % ({low} to {high}) of the error{_ahead(document['error']['after'])}"
+
+
+def _ahead(error: Mapping[str, Any]) -> str:
+    """How far ahead it is; no stretch may be as long."""
+    return f" {error['horizon_s']:g} s ahead" if error["horizon_rmse"] else " within the windows"
 
 
 def _begun(text: str) -> str:
@@ -116,10 +120,9 @@ def _remainder(document: Document) -> str:
     if document.get("faint_memory"):
         return _faint(document["faint_memory"])
     error = document["error"]["after"]
-    h = error["horizon_s"]
-    sizes = joined([f"{x:.2g}{_of(document, s)}" for s, x in error["horizon_rmse"].items()])
+    sizes = joined([f"{x:.2g}{_of(document, s)}" for s, x in (error["horizon_rmse"] or error["fit_rmse"]).items()])
     covered = _covered(document.get("remainder"))
-    left = f"An error of {sizes} is left {h:g} s ahead"
+    left = f"An error of {sizes} is left{_ahead(error)}"
     over = document.get("left_over", ())
     if over is None:
         why = " on the data that confirm, while the fitted ones are down to their noise: look for what changed"
@@ -156,7 +159,10 @@ def _of(document: Document, state: str) -> str:
 
 
 def _unexplained(document: Document) -> str:
-    seek = "a force that was not measured, a column that is not what the case says, or a mechanism outside the library"
+    seek = (
+        "a force that was not measured, noise that is correlated over time, a column that is not what the case says, "
+        "or a mechanism outside the library"
+    )
     near, over = document.get("nearest"), document.get("left_over")
     if near is not None:
         found = joined([describe(e) for e in near["effects"]])
