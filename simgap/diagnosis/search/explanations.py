@@ -16,7 +16,7 @@ from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import choose_step, with_values
 from simgap.diagnosis.simulation.step_length import resolved
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY, OUT_OF_SIGHT, WIDTH
+from simgap.diagnosis.thresholds import BIC_GAIN, OUT_OF_SIGHT, WIDTH
 from simgap.notation import joined
 
 SAME, SAME_PROMISE = 0.1, 1e-5
@@ -77,13 +77,13 @@ class Search:
         return chi2 / self.scale + count * math.log(self.problem.size)
 
     def extend(self, base: Explanation, s: Score) -> Explanation:
-        """Fit the base and one more effect, begun where its score says, or at each of its starts if it bends much."""
+        """Fit the base and one more effect, begun where its score says; at each of its starts if it bends much, as long
+        as that leaves more than noise."""
         members = (*base.members, s.candidate)
         known = self._key(members, with_values(base.fit.theta, s.values)) in self.tried
         found = self.explain(members, with_values(base.fit.theta, s.values), base.fit)
-        off = found.fit.chi2 > FIT_QUALITY * self.problem.size
-        bends = len(s.candidate.slots) > 2 or (s.candidate.effect.several_valleys and off)
-        if not known and bends and not _integers(s.candidate):
+        bends = len(s.candidate.slots) > 2 or s.candidate.effect.several_valleys
+        if not known and bends and not _integers(s.candidate) and not self.reached(found):
             starts = [other for other in self.every[base.keys] if other.candidate.key == s.candidate.key]
             for other in starts:
                 if other is not s:
