@@ -34,6 +34,7 @@ imported()
 def main(arguments: list[str] | None = None) -> None:
     """Entry point: a person's mistake is one line on stderr and status 2, a broken promise status 1."""
     os.environ["PYTHONSAFEPATH"] = "1"  # processes of engines and stages import nothing that stands in this folder
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as in a job of the workflow: more wait for one another
     follow_the_run()
     without_pandas()
     without_searching()

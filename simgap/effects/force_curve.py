@@ -9,7 +9,6 @@ import numpy as np
 from simgap.effects.base import CoordinateEffect, EffectParameter, Values
 from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start
-from simgap.late import scipy
 from simgap.late import sympy as sp
 
 KNOTS = 11
@@ -68,8 +67,11 @@ class ForceCurve(CoordinateEffect):
 @cache
 def _powers() -> tuple[tuple[float | None, tuple[float, ...]], ...]:
     """(None for the line, or a knot of ()_+^3) -> what each value gives to its coefficient, on [0, 1]."""
-    knots = np.linspace(0.0, 1.0, KNOTS)
-    unit = scipy.interpolate.CubicSpline(knots, np.eye(KNOTS), bc_type="natural")
-    jumps = np.diff(unit.c[0], axis=0, prepend=0.0, append=0.0)  # of the third derivative over 6: none outside
-    line = tuple(unit.c[2][0].tolist())
+    knots, step = np.linspace(0.0, 1.0, KNOTS, retstep=True)
+    values, bends = np.eye(KNOTS), np.zeros((KNOTS, KNOTS))  # bends: second derivatives, none at the ends
+    around = 4.0 * np.eye(KNOTS - 2) + np.eye(KNOTS - 2, k=1) + np.eye(KNOTS - 2, k=-1)
+    bends[1:-1] = np.linalg.solve(around, 6.0 / step**2 * np.diff(values, 2, axis=0))
+    cubes = np.diff(bends, axis=0) / (6.0 * step)
+    jumps = np.diff(cubes, axis=0, prepend=0.0, append=0.0)  # of the third derivative over 6: none outside
+    line = tuple(((values[1] - values[0]) / step - step / 6.0 * bends[1]).tolist())
     return (None, line), *((float(at), tuple(row.tolist())) for at, row in zip(knots, jumps, strict=True))

@@ -12,11 +12,18 @@ from simgap.model.kernel_cache import cached_kernel
 Kernel = Callable[..., Any]
 
 
-def compile_kernel(exprs: Sequence[sp.Expr], groups: Sequence[Sequence[sp.Symbol]]) -> Kernel:
-    """A numba function `g(a, b, ...) -> (value, ...)` of one 1-D float64 array for each group of symbols."""
-    vectors = [sp.DeferredVector(f"a{k}") for k in range(len(groups))]
-    values = tuple(_floating(e) for e in _indexed(exprs, groups, vectors))
-    return cached_kernel(sp.lambdify(vectors, values, modules="math", cse=True))
+def compile_kernel(
+    exprs: Sequence[sp.Expr], groups: Sequence[Sequence[sp.Symbol]], before: Sequence[tuple[sp.Symbol, sp.Expr]] = ()
+) -> Kernel:
+    """A numba function `g(a, b, ...) -> (value, ...)` of one 1-D float64 array for each group of symbols.
+
+    `before`: symbols that later expressions hold, each with its own over the groups' symbols and those before it. A
+    chain of minima and maxima that is written out as one expression takes SymPy a second.
+    """
+    vectors, names = [sp.DeferredVector(f"a{k}") for k in range(len(groups))], [s for s, _ in before]
+    rows = _indexed([*(e for _, e in before), *exprs], [*groups, names], [*vectors, names])
+    steps, values = [*zip(names, rows, strict=False)], tuple(_floating(e) for e in rows[len(names) :])
+    return cached_kernel(sp.lambdify(vectors, values, modules="math", cse=(lambda e: (steps, e)) if steps else True))
 
 
 def compile_interval_kernel(exprs: Sequence[sp.Expr], groups: Sequence[Sequence[sp.Symbol]]) -> Kernel:
@@ -38,7 +45,7 @@ def compile_interval_kernel(exprs: Sequence[sp.Expr], groups: Sequence[Sequence[
 
 
 def _indexed(
-    exprs: Sequence[sp.Expr], groups: Sequence[Sequence[sp.Symbol]], vectors: Sequence[sp.DeferredVector]
+    exprs: Sequence[sp.Expr], groups: Sequence[Sequence[sp.Symbol]], vectors: Sequence[Sequence[sp.Expr]]
 ) -> list[sp.Expr]:
     places = {s: v[i] for group, v in zip(groups, vectors, strict=True) for i, s in enumerate(group)}
     free = set().union(*(sp.sympify(e).free_symbols for e in exprs)) - set(places)

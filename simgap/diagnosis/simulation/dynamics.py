@@ -69,22 +69,20 @@ class Dynamics:
     """The compiled plant.
 
     Attributes:
-        slope: numba, `SLOPE_SIGNATURE`; free, held: numba, `STEP_SIGNATURE`, while nothing sticks and while something
-            does.
+        slope: numba, `SLOPE_SIGNATURE`; free: numba, `STEP_SIGNATURE`, while nothing sticks.
         constants: numba (theta) -> tuple, all that they need of the parameters.
         speed: index of each coordinate's velocity: dry friction acts on these.
     """
 
     slope: Any
     free: Any
-    held: Any
     constants: Any
     speed: Ints
 
     @cached_property
-    def addresses(self) -> tuple[int, int, int]:
-        """Of `slope`, `free` and `held`."""
-        return address_of(self.slope, SLOPE), address_of(self.free, STEP), address_of(self.held, STEP)
+    def addresses(self) -> tuple[int, int]:
+        """Of `slope` and `free`."""
+        return address_of(self.slope, SLOPE), address_of(self.free, STEP)
 
     def constants_at(self, theta: Floats) -> Floats:
         """What the dynamics need of the parameters: theta (q,) -> (c,)."""
@@ -116,9 +114,8 @@ def compile_dynamics(plant: SymbolicModel, costly: Costly, theta: tuple[sp.Symbo
     constants = compile_kernel([split[-1], *inner], (theta,))
     slope = _slope(main, rest, nx)
     index = [plant.state_names.index(c.velocity) for c in plant.coordinates]
-    m = len(plant.inputs)
-    free, held = _free(main, rest, nx, m), _held(slope, nx, m)
-    return Dynamics(slope, free, held, constants, np.array(index, dtype=np.int64))
+    free = _free(main, rest, nx, len(plant.inputs))
+    return Dynamics(slope, free, constants, np.array(index, dtype=np.int64))
 
 
 def _slope(main: Any, rest: Any, nx: int) -> Any:
@@ -157,34 +154,8 @@ def _slope(main: Any, rest: Any, nx: int) -> Any:
     return slope
 
 
-def _held(slope: Any, nx: int, m: int) -> Any:
-    """Classical Runge-Kutta steps while something sticks."""
-
-    @cached_kernel_as(STEP_SIGNATURE)
-    def held(
-        x: Any, u: Any, middle: Any, last: Any, c: Any, s: Any, stuck: Any, speed: Any, h: Any, steps: Any, at: Any,
-        rate: Any, v: Any,
-    ) -> None:  # fmt: skip
-        for _ in range(steps):
-            for i in range(nx):
-                at[i] = x[i]
-            for stage in range(4):
-                weight = 2.0 if stage == 1 or stage == 2 else 1.0
-                ahead = h if stage == 2 else 0.5 * h
-                for j in range(m):
-                    v[j] = u[j] if stage == 0 else last[j] if stage == 3 else middle[j]
-                slope(at, v, c, s, stuck, speed, rate)
-                for i in range(nx):
-                    at[nx + i] = rate[i] if stage == 0 else at[nx + i] + weight * rate[i]
-                    at[i] = x[i] + ahead * rate[i]
-            for i in range(nx):
-                x[i] += h / 6.0 * at[nx + i]
-
-    return held
-
-
 def _free(main: Any, rest: Any, nx: int, m: int) -> Any:
-    """Likewise while nothing sticks: the dynamics are inlined, as nearly all steps of a search are these."""
+    """Classical Runge-Kutta steps while nothing sticks, as nearly all of a search are: the dynamics are inlined."""
 
     @cached_kernel_as(STEP_SIGNATURE)
     def free(

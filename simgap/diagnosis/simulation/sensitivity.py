@@ -164,16 +164,18 @@ def linearise(problem: Problem, theta: Floats, x0: Floats, directions: Sequence[
         sub = problem.part(part)
         residual, columns, states = _columns(sub, theta, x0[part], directions, steps)
         chi2 += float(residual @ residual)
-        k = problem.y.shape[1]
-        for j in range(len(sub.windows)):
-            rows = slice(int(sub.rows[j]) * k, int(sub.rows[j + 1]) * k)
+        lengths = np.diff(sub.rows) * problem.y.shape[1]
+        for length in np.unique(lengths):
+            (alike,) = np.nonzero(lengths == length)
+            rows = sub.rows[alike, None] * problem.y.shape[1] + np.arange(length)
             q, r = _orthogonal(states[rows])
-            b, e = columns[rows], residual[rows]
-            qb, qe = q.T @ b, q.T @ e
+            b, e, back = columns[rows], residual[rows][..., None], q.transpose(0, 2, 1)
+            qb, qe = back @ b, back @ e
             b, e = b - q @ qb, e - q @ qe
-            at = part.start + j
-            window_gradient[at], window_gram[at], window_rest[at] = b.T @ e, b.T @ b, e @ e
-            state_r[at], state_b[at], state_g[at] = r, qb, qe
+            at = part.start + alike
+            window_gram[at], window_gradient[at] = b.transpose(0, 2, 1) @ b, (b.transpose(0, 2, 1) @ e)[..., 0]
+            window_rest[at] = np.sum(e * e, axis=(1, 2))
+            state_r[at], state_b[at], state_g[at] = r, qb, qe[..., 0]
     gram, gradient, rest = window_gram.sum(axis=0), window_gradient.sum(axis=0), float(window_rest.sum())
     return Linearised(
         gram, gradient, rest, chi2, window_gradient, window_gram, window_rest, state_r, state_b, state_g
@@ -181,13 +183,14 @@ def linearise(problem: Problem, theta: Floats, x0: Floats, directions: Sequence[
 
 
 def _orthogonal(states: Floats) -> tuple[Floats, Floats]:
-    """QR of the columns, those that are 0 left alone: what a state does not do it must not take away either."""
-    none = ~np.any(states, axis=0)
+    """QR of the columns of each window (w, n, nx); those that are 0 are left alone: what a state does not do it must
+    not take away either."""
     q, r = np.linalg.qr(states)
-    if none.any():
-        own = np.linalg.qr(states[:, ~none])
-        q, r = np.zeros_like(q), np.diag(np.where(none, np.abs(r).max(initial=1.0), 0.0))
-        q[:, ~none], r[np.ix_(~none, ~none)] = own
+    none = ~np.any(states, axis=1)
+    for j in np.flatnonzero(none.any(axis=1)):
+        kept = ~none[j]
+        q[j], r[j] = 0.0, np.diag(np.where(kept, 0.0, np.abs(r[j]).max(initial=1.0)))
+        q[j][:, kept], r[j][np.ix_(kept, kept)] = np.linalg.qr(states[j][:, kept])
     return q, r
 
 

@@ -17,6 +17,7 @@ from simgap.diagnosis.simulation.stick_slip import (
     CREEP,
     find_rubbing,
     hold_or_start,
+    inner,
     input_at,
     reversed_speed,
     stepped,
@@ -28,7 +29,7 @@ EPS = 1e-12  # s: two instants closer than this are one
 _REVERSALS = 8  # between two switches of the input; what turns round more often stays at rest for a step
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _followed(time: float, k: int, first: int, t: Floats, held: Ints, delay: Floats) -> None:
     """Which sample each input follows at the instant of sample k: the last whose command has arrived (into `held`)."""
     for c in range(held.size):
@@ -37,7 +38,7 @@ def _followed(time: float, k: int, first: int, t: Floats, held: Ints, delay: Flo
             held[c] -= 1
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _next_switch(time: float, k: int, t: Floats, held: Ints, delay: Floats) -> float:
     """The instant before sample k, or that of sample k, up to which all inputs stand still; `held` moves along."""
     end = t[k]
@@ -51,20 +52,20 @@ def _next_switch(time: float, k: int, t: Floats, held: Ints, delay: Floats) -> f
 
 @njit(
     void(
-        int64, int64, int64, VECTOR, MATRIX, MATRIX, VECTOR, VECTOR, VECTOR, MATRIX, INDICES, INDICES, INDICES, INDICES,
+        int64, int64, VECTOR, MATRIX, MATRIX, VECTOR, VECTOR, VECTOR, MATRIX, INDICES, INDICES, INDICES, INDICES,
         INDICES, float64, MATRIX,
     ),
     cache=True, error_model="numpy",
 )  # fmt: skip
 def simulate(
-    slope_at: int, free_at: int, held_at: int, t: Floats, level: Floats, excess: Floats, delay: Floats, lag: Floats,
+    slope_at: int, free_at: int, t: Floats, level: Floats, excess: Floats, delay: Floats, lag: Floats,
     theta: Floats, x0: Floats, first: Ints, start: Ints, stop: Ints, offset: Ints, speed: Ints, h_max: float,
     out: Floats,
 ) -> None:  # fmt: skip
     """Simulate every window from its own initial state.
 
     Args:
-        slope_at, free_at, held_at: addresses of the compiled dynamics (`SLOPE`, `STEP`, `STEP`).
+        slope_at, free_at: addresses of the compiled dynamics (`SLOPE`, `STEP`).
         t: (n,) time stamps of all traces one after another, s.
         level: (n, m) inputs after their static maps, held from each stamp until the next.
         excess: (n, m) lagged input minus `level` at each stamp (0 without lag).
@@ -77,8 +78,7 @@ def simulate(
         h_max: longest step, s.
         out: (sum of lengths, nx), filled with the states at the samples.
     """
-    slope, free, held_steps = function_at(SLOPE, slope_at), function_at(STEP, free_at), function_at(STEP, held_at)
-    steps = (free, held_steps)
+    slope, free = function_at(SLOPE, slope_at), function_at(STEP, free_at)
     nx, m = x0.shape[1], level.shape[1]
     x, new, u = np.empty(nx), np.empty(nx), np.empty(m)
     at, rate, v = np.empty(2 * nx), np.empty(nx), np.empty(m)
@@ -133,17 +133,17 @@ def simulate(
                         free(new, u, u, u, theta, s, stuck, speed, h, at_once, at, rate, v)
                         h *= at_once
                     else:
-                        stepped(steps, x, time, h, theta, s, stuck, speed, drive, felt, pad, new)
+                        stepped(slope, free, x, time, h, theta, s, stuck, speed, drive, felt, pad, new)
                     if sticks and turned <= _REVERSALS:
-                        h = stop_at_release(slope, steps, x, time, h, theta, s, stuck, speed, drive, felt, pad, new)
+                        h = stop_at_release(slope, free, x, time, h, theta, s, stuck, speed, drive, felt, pad, new)
                     j = reversed_speed(x, new, s, stuck, active, speed) if rubs else -1
                     if j >= 0 and (turned > _REVERSALS or abs(x[speed[j]]) <= CREEP):  # it cannot leave rest
                         stuck[j] = True
                         x[speed[j]] = 0.0
-                        stepped(steps, x, time, h, theta, s, stuck, speed, drive, felt, pad, new)
+                        stepped(slope, free, x, time, h, theta, s, stuck, speed, drive, felt, pad, new)
                     elif j >= 0:
                         h = stop_at_reversal(
-                            steps, x, time, h, speed[j], theta, s, stuck, speed, drive, felt, pad, new
+                            slope, free, x, time, h, speed[j], theta, s, stuck, speed, drive, felt, pad, new
                         )  # fmt: skip
                         stuck[j] = True
                         turned += 1

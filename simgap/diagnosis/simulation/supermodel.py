@@ -185,7 +185,7 @@ def build_supermodel(
     driven = model
     for train in trains:
         driven = with_motor(driven, train.on, train.law)
-    plant, costly, commands = _insert(driven, candidates, theta)
+    plant, costly = _insert(driven, candidates, theta)
     values = model.values()
     return SuperModel(
         model=model,
@@ -195,9 +195,7 @@ def build_supermodel(
         upper=np.array([p.upper for p in specs]),
         measured=measured,
         dynamics=compile_dynamics(plant, costly, theta),
-        static=_rowwise(compile_kernel(_numeric(commands, values), ([v.symbol for v in model.inputs], theta)))
-        if commands
-        else _no_columns,
+        static=_rowwise(compile_kernel(*_commands(model, candidates, theta))) if model.inputs else _no_columns,
         read=_rowwise(compile_kernel(_numeric(_readings(plant, measured), values), (_symbols(plant), theta))),
         past=_past(candidates, theta),
         trains=trains,
@@ -207,9 +205,9 @@ def build_supermodel(
 
 def _insert(
     model: SymbolicModel, candidates: list[Candidate], theta: tuple[sp.Symbol, ...]
-) -> tuple[SymbolicModel, Costly, list[sp.Expr]]:
-    """The plant as a function of what it feels, costly terms apart, and what it feels as a function of the command."""
-    plant, path = model, {n: symbol(n) for n in model.input_names}
+) -> tuple[SymbolicModel, Costly]:
+    """The plant as a function of what it feels, costly terms apart."""
+    plant = model
     forces: list[tuple[Candidate, sp.Expr, sp.Expr]] = []
     for c in candidates:
         values = {p.symbol: theta[k] for p, k in zip(c.effect.parameters, c.slots, strict=True)}
@@ -217,8 +215,6 @@ def _insert(
             joint = plant.coordinate(c.on)
             away = sum(sp.Abs(theta[k] - p.null) for p, k in zip(c.effect.parameters, c.slots, strict=True))
             forces.append((c, c.effect.force(symbol(joint.position), symbol(joint.velocity), values), away))
-        elif isinstance(c.effect, StaticInputEffect):  # inserted from the plant backwards to the command
-            path[c.on] = path[c.on].subs(symbol(c.on), c.effect.applied(symbol(c.on), values))
         elif not isinstance(c.effect, InputEffect | DriveTrainEffect):
             plant = c.effect.insert(plant, c.on, values)
     extra = [sp.Integer(0) for _ in plant.states]
@@ -229,7 +225,22 @@ def _insert(
             gate += away
         else:
             plant = plant.with_force(c.on, force)
-    return plant, Costly(tuple(extra), gate), [path[n] for n in model.input_names]
+    return plant, Costly(tuple(extra), gate)
+
+
+def _commands(
+    model: SymbolicModel, candidates: list[Candidate], theta: tuple[sp.Symbol, ...]
+) -> tuple[list[sp.Expr], tuple[Sequence[sp.Symbol], ...], list[tuple[sp.Symbol, sp.Expr]]]:
+    """What the plant feels as a function of the command: for `compile_kernel`, an effect a step."""
+    felt: dict[str, sp.Expr] = {v.name: v.symbol for v in model.inputs}
+    steps: list[tuple[sp.Symbol, sp.Expr]] = []
+    for c in reversed(candidates):  # from the command to the plant
+        if isinstance(c.effect, StaticInputEffect):
+            values = {p.symbol: theta[k] for p, k in zip(c.effect.parameters, c.slots, strict=True)}
+            name = sp.Symbol(f"x{len(steps)}", real=True)
+            steps.append((name, c.effect.applied(felt[c.on], values)))
+            felt[c.on] = name
+    return list(felt.values()), ([v.symbol for v in model.inputs], theta), steps
 
 
 def _symbols(model: SymbolicModel) -> list[sp.Symbol]:
