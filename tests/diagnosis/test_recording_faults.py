@@ -17,7 +17,6 @@ from simgap.diagnosis.search.noise_colour import _law
 from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.colour import Colour, whiten
 from simgap.diagnosis.simulation.parts import parts_of
-from simgap.model.symbolic import SymbolicModel, Variable, symbol
 from tests.diagnosis import rigs
 from tests.undeclared.counted import counted_model, counted_record
 from tests.undeclared.nominals import nominal, record
@@ -214,24 +213,14 @@ def test_windows_of_a_few_samples_have_no_law_of_the_noise():
     assert _law(np.ones(2), 5.0, 0.125, 1.0, (2, 3)) is None
 
 
-def test_what_a_level_keeps_of_a_flow_that_nobody_measured_is_no_noise_of_its_sensor():
-    """A tank whose inflow wanders about its command: a level follows by one integration, and falls as a noise may."""
-    rng, dt, n = np.random.default_rng(90437), 0.2, 1500
-    rate = symbol("q") - 0.05 * symbol("h")
-    model = SymbolicModel((Variable("h", "m"),), (Variable("q", "m/s"),), {}, (rate,))
-    traces = []
-    for k in range(2):
-        flow = 0.02 + 0.01 * np.repeat(rng.uniform(-1, 1, n // 50), 50)
-        h, off, y = 0.4, 0.0, []
-        for u in flow:
-            y.append(h)
-            off += -off * dt / 60.0 + 1e-4 * rng.standard_normal()
-            h += dt * (u + off - 0.05 * h)
-        readings = np.array(y) + 6e-4 * rng.standard_normal(n)
-        traces.append(Trace(f"run{k}", np.arange(n) * dt, readings[:, None], flow[:, None]))
-    d = diagnose(model, Record(tuple(traces), ("h",), ("q",)), DiagnosisSettings(window_s=20.0, horizon_s=5.0))
-    assert d.verdict in ("partial", "unexplained")
-    assert [f.fault for f in d.recording] == []
+def test_what_a_force_leaves_one_integration_away_is_no_noise_of_a_sensor():
+    """A spectrum that falls with the second power from below the motion on: of a position noise, of a level a flow."""
+    n, dt, motion = 200, 0.14, 0.5
+    turn = 2.0 * np.pi * np.arange(1, n // 2) / n / dt
+    slow, quick = (1.0 + size / (1.0 + (turn * tau) ** 2) for size, tau in ((4e4, 10.0), (40.0, 0.4)))
+    assert _law(slow, 20.0, dt, motion, (2, 3)) is not None
+    assert _law(slow, 20.0, dt, motion, (1, 2, 3)) is None
+    assert _law(quick, 20.0, dt, motion, (1, 2, 3)) is not None  # from above the motion on
 
 
 @pytest.mark.parametrize("hidden", [{}, {"viscous": 0.3}, {"viscous": 3.0}, {"coulomb": 1.0}])
