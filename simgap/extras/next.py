@@ -12,7 +12,7 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.config.measured import MeasuredSection
 from simgap.diagnosis.diagnose import ready
-from simgap.diagnosis.record.conditions import Known, conditioned, under_conditions
+from simgap.diagnosis.record.conditions import conditioned, under_conditions
 from simgap.diagnosis.record.faults.measurement import is_fault
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import DiagnosisSettings
@@ -139,8 +139,7 @@ def _question(
     paths = [context.folder / note["file"] for note in document["data"]]
     model = context.plant.corrected
     reading = load_reading(model, section, paths, context.folder, str(context.path), strict=False)
-    known = [Known(c.file, c.values) for c in section.conditions]
-    record, names = under_conditions(reading, model, known)
+    record, names = under_conditions(reading, model, section.conditions)
     conditions = tuple(dict.fromkeys(tuple(t.u[0, len(model.inputs) :].tolist()) for t in record.traces))
     settings = DiagnosisSettings(
         window_s=section.window_s, horizon_s=section.horizon_s, held_out_traces=reading.held_out,

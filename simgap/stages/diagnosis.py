@@ -12,7 +12,7 @@ import numpy as np
 from simgap.config.copied_plugins import plugin_copies
 from simgap.config.measured import MeasuredSection, matching_files, named_recordings
 from simgap.diagnosis.diagnose import diagnose_mended
-from simgap.diagnosis.record.conditions import Known, conditioned, under_conditions
+from simgap.diagnosis.record.conditions import conditioned, under_conditions
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.record.survey import Survey, survey
 from simgap.diagnosis.record.traces import Reading
@@ -133,8 +133,7 @@ def run(
     with context.blame():
         for warning in (*reading.warnings, *look.warnings):
             log.warning("%s", warning)
-        known = [Known(c.file, c.values) for c in section.conditions]
-        record, names = under_conditions(reading, model, known)
+        record, names = under_conditions(reading, model, section.conditions)
         tell("searching for what the model lacks")
         found, mended = diagnose_mended(conditioned(model, names), record, _settings(section, reading), tell)
         reading = replace(reading, record=mended)
