@@ -82,8 +82,8 @@ def test_what_four_effects_leave_is_narrow_and_covers_recordings_that_nothing_ha
     quiet = section.model_copy(update={"conditions": (), "masks": (), "held_out": type(section.held_out)()})
     folder = (CASE.parent / section.files[0]).parent
     fresh = load_reading(model, quiet, [folder / name for name in SEALED], CASE.parent).record
-    seal = seen(tuple(windows(fresh, [t.name for t in fresh.traces], 2)), sigma, corrected)
-    part = within(transitions(seal.windows, ["q", "v"], corrected, {}, tau), corrected, limits)
+    sealed, _ = seen(tuple(windows(fresh, [t.name for t in fresh.traces], 2)), sigma, corrected)
+    part = within(transitions(sealed, ["q", "v"], corrected, {}, tau), corrected, limits)
     residual = np.abs(part.then - held(corrected, part))
     bound = np.array([left.after[s] for s in "qv"])
     if left.rest_after is not None:

@@ -11,6 +11,7 @@ the windows agree on its size, and the residual does not follow the input, is it
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -85,15 +86,12 @@ def _law(power: Floats, count: float, dt: float, motion: float) -> tuple[float, 
         a = np.exp(-dt / np.exp(z[2]))
         return np.asarray(np.exp(z[0]) + np.exp(z[1]) * (1 - a * a) / np.abs(1 - a * np.exp(-1j * turn)) ** 2)
 
-    def steep(z: Floats) -> Floats:
-        return np.asarray(np.exp(z[0]) + np.exp(z[1]) / (1.0 + (turn / dt * np.exp(z[2])) ** 2) ** 2)
-
-    def steeper(z: Floats) -> Floats:
-        return np.asarray(np.exp(z[0]) + np.exp(z[1]) / (1.0 + (turn / dt * np.exp(z[2])) ** 2) ** 3)
+    def steep(z: Floats, power: int) -> Floats:
+        return np.asarray(np.exp(z[0]) + np.exp(z[1]) / (1.0 + (turn / dt * np.exp(z[2])) ** 2) ** power)
 
     white = float(np.log(np.mean(power)) + 1.0) * len(power) * worth
     loss, z = _best(remembering, power, worth, 0.3 * dt, dt)
-    force = min(_best(law, power, worth, 0.5 / motion, dt)[0] for law in (steep, steeper))
+    force = min(_best(partial(steep, power=p), power, worth, 0.5 / motion, dt)[0] for p in (2, 3))
     if white - loss < BIC_GAIN or force - loss < BIC_GAIN:
         return None
     total = float(np.exp(z[0]) + np.exp(z[1]))
