@@ -18,7 +18,7 @@ from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start, multiple
 from simgap.errors import UserError
 from simgap.late import sympy as sp
-from simgap.model.symbolic import Parameter, SymbolicModel, Variable, Wheels, symbol
+from simgap.model.symbolic import Parameter, PlanarWheels, SymbolicModel, Variable, symbol
 
 Kind = Literal["coordinate", "input", "state", "parameter", "plant"]
 Values: TypeAlias = "Mapping[str, sp.Expr]"
@@ -287,7 +287,7 @@ class WheelEffect(WheeledTarget):
         return turned.substitute({"_linear": (right + left) / 2})
 
 
-def rim_speeds(wheels: Wheels) -> tuple[sp.Expr, sp.Expr]:
+def rim_speeds(wheels: PlanarWheels) -> tuple[sp.Expr, sp.Expr]:
     """Commanded speeds of the left and the right wheel at their rims."""
     v, w = symbol(wheels.linear), symbol(wheels.angular) * wheels.track / 2
     return v - w, v + w
