@@ -51,8 +51,8 @@ def inside(context: Context, gap: GapFunction, windows: list[WindowPrediction], 
     """Transitions inside `f +- gamma` in position and speed, and all that begin in X with an input in the hull of U."""
     model, domain = context.plant.corrected, context.case.domain
     assert domain is not None
-    known = seen(windows, {"q": sigma}, model)
-    part = within(transitions(known.windows, ["q", "v"], model, {}, domain.tau), model, domain.X)
+    whole, _ = seen(windows, {"q": sigma}, model)
+    part = within(transitions(whole, ["q", "v"], model, {}, domain.tau), model, domain.X)
     x, u = part.start[:, :2], part.start[:, 2:]
     taken = (u[:, 0] >= context.input_set.min()) & (u[:, 0] <= context.input_set.max())
     nearest = context.input_set[np.argmin(np.abs(u - context.input_set.T), axis=1)]

@@ -89,9 +89,7 @@ def acts_later(search: Search, found: Explanation) -> bool:
 
 def fitted_again(problem: Problem, search: Search, found: Explanation, not_tried: Collection[Key]) -> Searched:
     """What a search found before it was stopped, fitted on another problem; nothing else is tried there."""
-    sought = coarse(problem)
-    base = fit(sought, sought.model.null, initial_states(sought), [], {})
-    again = Search(sought, list_starts(sought, not_tried), watch=search.watch)
+    again, base = begun(problem, not_tried, search.watch)
     return again, base, on_all(again, search, found, base)
 
 

@@ -10,7 +10,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal, TypeAlias
+from typing import Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start, multiple
 from simgap.errors import UserError
 from simgap.late import sympy as sp
-from simgap.model.symbolic import Parameter, SymbolicModel, Variable, symbol
+from simgap.model.symbolic import Parameter, PlanarWheels, SymbolicModel, Variable, symbol
 
 Kind = Literal["coordinate", "input", "state", "parameter", "plant"]
 Values: TypeAlias = "Mapping[str, sp.Expr]"
@@ -126,7 +126,8 @@ class Effect(ABC):
     short: ClassVar[str] = ""
     """A noun phrase without numbers, `{on}` its place: 'Coulomb friction at the {on}'; from the name if not given."""
     long: ClassVar[str] = ""
-    """The same with its numbers by symbol: 'Coulomb friction of {F_c} at the {on}'; times are told in milliseconds."""
+    """The same with its numbers by symbol: 'Coulomb friction of {F_c} at the {on}'; times are told in milliseconds, and
+    `{mu:%}` in percent, `{tilt:deg}` in degrees, `{ratio:off}` as a deviation from 1."""
 
     @abstractmethod
     def targets(self, model: SymbolicModel) -> tuple[str, ...]:
@@ -145,12 +146,11 @@ class Effect(ABC):
         return {p.symbol: p.unit for p in self.parameters}
 
     def starts(self, scales: Scales) -> tuple[Start, ...]:
-        """Where a search for the effect begins; for one parameter, at the times of `begin` or the derivative at its
-        null."""
-        (only,) = self.parameters
+        """Where a search for the effect begins: at the times of `begin`, or with the derivatives at its null."""
+        own = self.parameters
         if self.begin is None:
-            return (Start(1, lambda c: {only.symbol: only.null + c[0]}),)
-        return tuple(multiple(only.symbol, k * scales.interval) for k in self.begin)
+            return (Start(len(own), lambda c: {p.symbol: p.null + x for p, x in zip(own, c, strict=True)}),)
+        return tuple(multiple(own[0].symbol, k * scales.interval) for k in self.begin)
 
     def beyond(self, contained: Mapping[str, float], start: Mapping[str, float]) -> dict[str, float]:
         """Where to begin from the fit of the effect that this one contains, and from one of its own starts."""
@@ -191,9 +191,7 @@ class Effect(ABC):
     def describe(self, on: str, quoted: Quoted) -> str:
         """A noun phrase with its numbers: 'Coulomb friction of 0.19 ± 0.01 N m at the hinge'."""
         if self.long:
-            times = {p.symbol: (1e3, "ms") for p in self.parameters if p.unit == "s"}
-            every = {symbol: quoted.number(symbol, *times.get(symbol, ())) for symbol in quoted.parameters}
-            return self.long.format(on=on, **every)
+            return self.long.format(on=on, **{p.symbol: quoted[p.symbol] for p in self.parameters})
         numbers = ", ".join(f"{p.symbol} = {quoted.number(p.symbol)}" for p in self.parameters)
         return f"{self.phrase(on)} ({numbers})" if numbers else self.phrase(on)
 
@@ -272,8 +270,27 @@ class WheelEffect(WheeledTarget):
     """A change of the speeds of a robot's driven wheels; an engine of such a robot acts it out on its motors."""
 
     @abstractmethod
-    def turned(self, left: float, right: float, values: Mapping[str, float]) -> tuple[float, float]:
-        """How fast the left and the right wheel turn at their rims that are told to turn so fast, m/s."""
+    def turned(self, left: Any, right: Any, values: Mapping[str, Any]) -> tuple[Any, Any]:
+        """How fast the left and the right wheel turn at their rims that are told to turn so fast, m/s.
+
+        Numbers, or expressions of these.
+        """
+
+    def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
+        """Turn the commands into wheel speeds and back with what the wheels make of them."""
+        if model.wheels is None:
+            return model
+        wheels = model.wheels
+        left, right = self.turned(*rim_speeds(wheels), values)
+        held = model.with_input(wheels.linear, symbol("_linear"))  # both commands change at once
+        turned = held.with_input(wheels.angular, (right - left) / wheels.track)
+        return turned.substitute({"_linear": (right + left) / 2})
+
+
+def rim_speeds(wheels: PlanarWheels) -> tuple[sp.Expr, sp.Expr]:
+    """Commanded speeds of the left and the right wheel at their rims."""
+    v, w = symbol(wheels.linear), symbol(wheels.angular) * wheels.track / 2
+    return v - w, v + w
 
 
 class CoordinateTarget(Effect):

@@ -7,8 +7,6 @@ from collections.abc import Mapping, Sequence
 from simgap.effects.base import AppliedEffect, CoordinateEffect, EffectParameter, Values
 from simgap.effects.constant_force import steady_biases
 from simgap.effects.coulomb_friction import CoulombFriction
-from simgap.effects.quoted import Quoted
-from simgap.effects.start import Scales, Start
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
 
@@ -21,6 +19,7 @@ class DirectionalFriction(CoordinateEffect):
     """
 
     name = "directional_friction"
+    long = "directional friction at the {on} ({F_p} forwards, {F_m} backwards)"
     contains = CoulombFriction
     formula = "F = -F_p for v > 0, F_m for v < 0, and any force from -F_p to F_m that keeps v = 0"
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7), sec. 2 (friction asymmetry)"
@@ -33,10 +32,6 @@ class DirectionalFriction(CoordinateEffect):
     def sought_on(self, model: SymbolicModel) -> tuple[str, ...]:
         """Nowhere: two effects that are tried are the same."""
         return ()
-
-    def starts(self, scales: Scales) -> tuple[Start, ...]:
-        """Both levels as linear coefficients."""
-        return (Start(2, lambda c: {"F_p": c[0], "F_m": c[1]}),)
 
     def beyond(self, contained: Mapping[str, float], start: Mapping[str, float]) -> dict[str, float]:
         """The same level both ways."""
@@ -64,8 +59,3 @@ class DirectionalFriction(CoordinateEffect):
     def surfaces(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> tuple[sp.Expr, ...]:
         """Rest, where the force turns round."""
         return (symbol(model.coordinate(on).velocity),)
-
-    def describe(self, on: str, quoted: Quoted) -> str:
-        """Both levels."""
-        levels = f"{quoted.number('F_p')} forwards, {quoted.number('F_m')} backwards"
-        return f"directional friction at the {on} ({levels})"

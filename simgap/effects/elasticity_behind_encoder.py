@@ -5,7 +5,6 @@ from __future__ import annotations
 from simgap.effects.base import Values
 from simgap.effects.drive_train import Law
 from simgap.effects.joint_elasticity import JointElasticity
-from simgap.effects.quoted import Quoted
 from simgap.model.symbolic import SymbolicModel
 
 
@@ -17,6 +16,7 @@ class ElasticityBehindEncoder(JointElasticity):
 
     name = "elasticity_behind_encoder"
     short = "elasticity of the {on} behind its encoder"
+    long = "elasticity of the {on} ({k}) behind the encoder of a motor of {I}"
     formula = "I p'' = u - T, link: T in the place of u, T = k (p - q) + c (p' - v), read: p in the place of q"
 
     def sought_on(self, model: SymbolicModel) -> tuple[str, ...]:
@@ -26,7 +26,3 @@ class ElasticityBehindEncoder(JointElasticity):
     def law(self, values: Values) -> Law:
         """k w + c w', seen from the motor."""
         return super().law(values).at_the_motor()
-
-    def describe(self, on: str, quoted: Quoted) -> str:
-        """Its stiffness, and what moves before it."""
-        return f"elasticity of the {on} ({quoted.number('k')}) behind the encoder of a motor of {quoted.number('I')}"

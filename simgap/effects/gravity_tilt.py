@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 from simgap.effects.base import PLANT, Effect, EffectParameter, Values
-from simgap.effects.quoted import Quoted
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
 
@@ -18,6 +17,7 @@ class GravityTilt(Effect):
 
     name = "gravity_tilt"
     short = "a base tilt"
+    long = "a base tilted by {tilt:deg}"
     kind = "plant"
     needs = "gravity that the plant declares"
     formula = "g' = R(-tilt) g, R a rotation about the horizontal axis normal to the plane of motion"
@@ -39,7 +39,3 @@ class GravityTilt(Effect):
         if x in used or y not in used:  # about y
             return model.substitute({gravity[0]: c * x - s * z, gravity[2]: s * x + c * z})
         return model.substitute({gravity[1]: c * y + s * z, gravity[2]: -s * y + c * z})
-
-    def describe(self, on: str, quoted: Quoted) -> str:
-        """In degrees."""
-        return f"a base tilted by {quoted.number('tilt', 180.0 / math.pi, 'deg')}"

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 from simgap.effects.base import COMMAND, EffectParameter, Values
 from simgap.effects.commands import StaticInputEffect
-from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
@@ -21,6 +20,10 @@ class InputCurve(StaticInputEffect):
 
     name = "input_curve"
     short = "the gain curve of {on}"
+    long = (
+        "a gain of {on} that changes with its size ({g_0} at small, {g_1} at half, {g_2} at full command, of the "
+        "declared one)"
+    )
     second = True
     resembles = ("input_gain", "input_saturation", "input_dead_zone")
     formula = "du'/du = g, linear in u^2 from g_0 at 0 to g_1 at U/2, from there to g_2 at U"
@@ -52,8 +55,3 @@ class InputCurve(StaticInputEffect):
         """Where the curve bends: both signs, their knots."""
         knots = (values["U"] / 2, values["U"])
         return (symbol(on), *(symbol(on) - sp.Float(side * knot) for knot in knots for side in (-1.0, 1.0)))
-
-    def describe(self, on: str, quoted: Quoted) -> str:
-        """Its slopes."""
-        slopes = f"{quoted.number('g_0')} at small, {quoted.number('g_1')} at half, {quoted.number('g_2')} at full"
-        return f"a gain of {on} that changes with its size ({slopes} command, of the declared one)"

@@ -7,8 +7,6 @@ from collections.abc import Mapping
 from simgap.effects.base import COMMAND, EffectParameter, Values
 from simgap.effects.commands import StaticInputEffect
 from simgap.effects.input_gain import InputGain
-from simgap.effects.quoted import Quoted
-from simgap.effects.start import Scales, Start
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
 
@@ -17,6 +15,7 @@ class InputDirectionalGain(StaticInputEffect):
     """One gain for positive commands, another for negative ones: a valve, a thruster, a bridge with unequal legs."""
 
     name = "input_directional_gain"
+    long = "a gain of {on} that differs with the sign ({ratio_p:off} for positive, {ratio_m:off} for negative commands)"
     contains = InputGain
     second = True
     formula = "u' = ratio_p u for u > 0, ratio_m u for u < 0"
@@ -26,10 +25,6 @@ class InputDirectionalGain(StaticInputEffect):
         EffectParameter("ratio_p", "1", "true over declared gain of positive commands", null=1.0),
         EffectParameter("ratio_m", "1", "true over declared gain of negative commands", null=1.0),
     )
-
-    def starts(self, scales: Scales) -> tuple[Start, ...]:
-        """Both gains as linear coefficients."""
-        return (Start(2, lambda c: {"ratio_p": 1.0 + c[0], "ratio_m": 1.0 + c[1]}),)
 
     def beyond(self, contained: Mapping[str, float], start: Mapping[str, float]) -> dict[str, float]:
         """The same gain for both."""
@@ -43,8 +38,3 @@ class InputDirectionalGain(StaticInputEffect):
     def surfaces(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> tuple[sp.Expr, ...]:
         """Where the sign of the command changes."""
         return (symbol(on),)
-
-    def describe(self, on: str, quoted: Quoted) -> str:
-        """Both gains."""
-        gains = f"{quoted.deviation('ratio_p')} for positive, {quoted.deviation('ratio_m')} for negative commands"
-        return f"a gain of {on} that differs with the sign ({gains})"

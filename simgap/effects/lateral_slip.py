@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 from simgap.effects.base import PLANT, EffectParameter, Values, WheeledTarget
-from simgap.effects.quoted import Quoted
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
 
@@ -15,6 +14,7 @@ class LateralSlip(WheeledTarget):
 
     name = "lateral_slip"
     short = "sideways slip"
+    long = "sideways slip of {ratio:%} of the speed"
     formula = "x' += -ratio v sin(heading), y' += ratio v cos(heading)"
     source = "Wang, Low (2008), IEEE Trans. Robotics 24(3), skidding and slipping of wheeled robots"
     rank = PLANT + 30
@@ -30,7 +30,3 @@ class LateralSlip(WheeledTarget):
         xdot[names.index(wheels.x)] += -sideways * sp.sin(heading)
         xdot[names.index(wheels.y)] += sideways * sp.cos(heading)
         return replace(model, xdot=tuple(xdot))
-
-    def describe(self, on: str, quoted: Quoted) -> str:
-        """In percent of the speed."""
-        return f"sideways slip of {quoted.number('ratio', 100.0)} % of the speed"

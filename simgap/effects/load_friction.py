@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 from simgap.effects.base import FORCE, EffectParameter, Values
 from simgap.effects.commands import DriveEffect
-from simgap.effects.quoted import Quoted
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
 
@@ -16,6 +15,7 @@ class LoadFriction(DriveEffect):
 
     name = "load_friction"
     short = "load-dependent friction of the {on}"
+    long = "load-dependent friction of {mu:%} of the {on}"
     passes_a_constant = False
     second = True
     formula = "F = -mu |u| sign(v), u the drive's force on the coordinate"
@@ -31,7 +31,3 @@ class LoadFriction(DriveEffect):
     def surfaces(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> tuple[sp.Expr, ...]:
         """Rest, and no drive."""
         return symbol(on), self.speed(model, on)
-
-    def describe(self, on: str, quoted: Quoted) -> str:
-        """In percent of the drive's force."""
-        return f"load-dependent friction of {quoted.number('mu', 100.0)} % of the {on}"

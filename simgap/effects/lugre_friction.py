@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from simgap.effects.base import EffectParameter, MemoryForceEffect, Values
 from simgap.effects.dahl_friction import DahlFriction
-from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
@@ -23,6 +20,7 @@ class LuGreFriction(MemoryForceEffect):
 
     name = "lugre_friction"
     short = "LuGre friction at the {on}"
+    long = "LuGre friction of {F_c} at the {on}, {rise:%} more below {v_s}, that turns round over {d}"
     second = True
     contains = DahlFriction
     formula = "F = -F_c z - sigma_1 d dz/dt, dz/dt = (v - |v| z / s(v)) / d, s(v) = 1 + rise exp(-(v/v_s)^2)"
@@ -58,10 +56,6 @@ class LuGreFriction(MemoryForceEffect):
 
         return tuple(at(d * scales.speed, v * scales.speed) for d in (0.006, 0.02) for v in (0.03, 0.1, 0.3))
 
-    def beyond(self, contained: Mapping[str, float], start: Mapping[str, float]) -> dict[str, float]:
-        """Dahl friction with a peak on top of it."""
-        return {**start, **contained}
-
     def slip(self, memory: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """d dz/dt: how fast the bristles bend."""
         peak = 1 + values["rise"] * sp.exp(-((velocity / values["v_s"]) ** 2))
@@ -74,9 +68,3 @@ class LuGreFriction(MemoryForceEffect):
     def force(self, memory: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """-F_c z - sigma_1 d dz/dt."""
         return -values["F_c"] * memory - values["sigma_1"] * self.slip(memory, velocity, values)
-
-    def describe(self, on: str, quoted: Quoted) -> str:
-        """Its level, its peak and its distance."""
-        more, slow = quoted.number("rise", scale=100.0, unit="%"), quoted.number("v_s")
-        level = f"LuGre friction of {quoted.number('F_c')} at the {on}, {more} more below {slow}"
-        return f"{level}, that turns round over {quoted.number('d')}"

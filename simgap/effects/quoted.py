@@ -31,6 +31,25 @@ class Quoted:
         side = "below" if value < 1.0 else "above"
         return f"{with_error(100.0 * abs(value - 1.0), 100.0 * self._half(symbol))} % {side}"
 
+    def __getitem__(self, symbol: str) -> _Number:
+        """A number for a text with formats, such as '{mu:%}'."""
+        return _Number(self, symbol)
+
     def _half(self, symbol: str) -> float:
         lo, hi = (float(v) if v is not None else math.nan for v in self.parameters[symbol]["ci95"])
         return (hi - lo) / 2
+
+
+@dataclass(frozen=True)
+class _Number:
+    """One of the numbers: as it is (times in milliseconds), in percent (%), in degrees (deg), off from 1 (off)."""
+
+    quoted: Quoted
+    symbol: str
+
+    def __format__(self, kind: str) -> str:
+        unit = "ms" if self.quoted.parameters[self.symbol]["unit"] == "s" and not kind else kind
+        if unit == "off":
+            return self.quoted.deviation(self.symbol)
+        scale = {"": 1.0, "ms": 1e3, "%": 100.0, "deg": 180.0 / math.pi}[unit]
+        return self.quoted.number(self.symbol, scale, unit or None)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
-from simgap.effects.base import PLANT, EffectParameter, Values, WheelEffect
+from simgap.effects.base import PLANT, EffectParameter, WheelEffect, rim_speeds
 from simgap.effects.start import Scales, Start, multiple
 from simgap.late import sympy as sp
-from simgap.model.symbolic import SymbolicModel, symbol
+from simgap.model.symbolic import SymbolicModel
 
 
 class RollingResistance(WheelEffect):
@@ -39,31 +40,12 @@ class RollingResistance(WheelEffect):
         """Losses at a few shares of the largest commanded speed."""
         return tuple(multiple("loss", share * scales.command) for share in (0.02, 0.08, 0.25))
 
-    def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
-        """Turn the commands into wheel speeds and back with what the wheels lose."""
-        if model.wheels is None:
-            return model
-        wheels, loss = model.wheels, values["loss"]
-        left, right = (s - sp.Max(-loss, sp.Min(s, loss)) for s in _speeds(model))
-        held = model.with_input(wheels.linear, symbol("_linear"))  # both commands change at once
-        turned = held.with_input(wheels.angular, (right - left) / wheels.track)
-        return turned.substitute({"_linear": (right + left) / 2})
-
-    def turned(self, left: float, right: float, values: Mapping[str, float]) -> tuple[float, float]:
+    def turned(self, left: Any, right: Any, values: Mapping[str, Any]) -> tuple[Any, Any]:
         """Both wheels alike."""
-        loss = values["loss"]
-        return left - max(-loss, min(left, loss)), right - max(-loss, min(right, loss))
+        loss, (least, most) = values["loss"], (min, max) if isinstance(left, float) else (sp.Min, sp.Max)
+        return left - most(-loss, least(left, loss)), right - most(-loss, least(right, loss))
 
     def surfaces(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> tuple[sp.Expr, ...]:
         """Where either wheel begins to turn."""
-        if model.wheels is None:
-            return ()
-        return tuple(s - sp.Float(side * values["loss"]) for s in _speeds(model) for side in (-1.0, 1.0))
-
-
-def _speeds(model: SymbolicModel) -> tuple[sp.Expr, ...]:
-    """Commanded speeds of the left and the right wheel at their rims; none of a plant without wheels."""
-    if model.wheels is None:
-        return ()
-    v, w = symbol(model.wheels.linear), symbol(model.wheels.angular) * model.wheels.track / 2
-    return v - w, v + w
+        rims = () if model.wheels is None else rim_speeds(model.wheels)
+        return tuple(s - sp.Float(side * values["loss"]) for s in rims for side in (-1.0, 1.0))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from simgap.effects.base import SENSOR, AppliedEffect, Effect, EffectParameter, Values
-from simgap.effects.quoted import Quoted
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
 
@@ -17,6 +16,7 @@ class SensorGain(Effect):
 
     name = "sensor_gain"
     short = "the gain of the sensor of {on}"
+    long = "a gain of the sensor of {on} that is {ratio:off} the declared one"
     kind = "state"
     second = True
     resembles = ("input_gain",)
@@ -45,10 +45,6 @@ class SensorGain(Effect):
             return None
         ratio = found[gains[0]].values["ratio"]
         return (frozenset(gains), {"ratio": ratio}) if ratio > 0.0 and is_linear(model) else None
-
-    def describe(self, on: str, quoted: Quoted) -> str:
-        """How far it is off."""
-        return f"a gain of the sensor of {on} that is {quoted.deviation()} the declared one"
 
 
 def is_linear(model: SymbolicModel) -> bool:

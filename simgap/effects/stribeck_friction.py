@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 from simgap.effects.base import CoordinateEffect, EffectParameter, Values
 from simgap.effects.coulomb_friction import CoulombFriction
-from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
@@ -19,6 +18,7 @@ class StribeckFriction(CoordinateEffect):
 
     name = "stribeck_friction"
     short = "Stribeck friction at the {on}"
+    long = "Stribeck friction at the {on} ({F_s} to break away, {F_c} when sliding)"
     contains = CoulombFriction
     formula = "F = -(F_c + (F_s - F_c) exp(-(v/v_s)^2)) sign(v), and any |F| <= F_s that keeps v = 0"
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7), eq. 2"
@@ -55,8 +55,3 @@ class StribeckFriction(CoordinateEffect):
         velocity = symbol(model.coordinate(on).velocity)
         speeds = [share * values["v_s"] for share in _FLANK]
         return (velocity, *(velocity - sp.Float(side * speed) for speed in speeds for side in (-1.0, 1.0)))
-
-    def describe(self, on: str, quoted: Quoted) -> str:
-        """Both its levels."""
-        levels = f"{quoted.number('F_s')} to break away, {quoted.number('F_c')} when sliding"
-        return f"{self.phrase(on)} ({levels})"

@@ -8,7 +8,6 @@ from collections.abc import Mapping
 from simgap.effects.base import EffectParameter, Values
 from simgap.effects.commands import DriveEffect
 from simgap.effects.input_saturation import InputSaturation
-from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
@@ -22,6 +21,7 @@ class TorqueSpeedLimit(DriveEffect):
 
     name = "torque_speed_limit"
     short = "the torque-speed limit of {on}"
+    long = "a torque-speed limit of {on} ({T_s} at rest, less {k} times the speed)"
     passes_a_constant = False
     contains = InputSaturation
     second = True
@@ -61,9 +61,3 @@ class TorqueSpeedLimit(DriveEffect):
             return ()
         reached = symbol(on) + sp.Float(values["k"]) * self.speed(model, on)
         return tuple(reached - sp.Float(side * values["T_s"]) for side in (-1.0, 1.0))
-
-    def describe(self, on: str, quoted: Quoted) -> str:
-        """Its value at rest and its slope."""
-        return (
-            f"a torque-speed limit of {on} ({quoted.number('T_s')} at rest, less {quoted.number('k')} times the speed)"
-        )

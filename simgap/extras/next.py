@@ -1,9 +1,9 @@
-"""The picture of a proposed recording, from plain arrays to a matplotlib figure."""
+"""The next recording of a plant: what a diagnosis left open, the input that settles it, its picture."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.config.measured import MeasuredSection
 from simgap.diagnosis.diagnose import ready
-from simgap.diagnosis.record.conditions import Known, conditioned, under_conditions
+from simgap.diagnosis.record.conditions import conditioned, under_conditions
 from simgap.diagnosis.record.faults.measurement import is_fault
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import DiagnosisSettings
@@ -37,53 +37,38 @@ from simgap.stages.gap_inputs import read_result
 COLOURS = (style.BLUE, style.VERMILLION, style.GREEN, style.PURPLE, style.ORANGE)
 
 
-@dataclass(frozen=True, eq=False)
-class Proposed:
-    """What is drawn.
+def next_figure(advice: Advice, measured: Sequence[str], left: Floats | None, units: Mapping[str, str]) -> Any:
+    """The input, what each explanation predicts, and what the closest wrong one would miss.
 
-    Attributes:
-        t: (n,) s; u: (n, m); inputs: names of its columns.
-        labels: of the rivals; readings: of each, (n, k); measured: names of the k columns.
-        missed: (n, k) what the closest other one would miss, fitted again, in units of the noise; None for one alone.
-        pair: the right one and the one that misses.
-        title: how sure one will be, and by how long a recording.
+    Args:
+        measured: names of the readings.
+        left: (n, k) what that one would miss, fitted again, in units of the noise; None of one explanation alone.
     """
-
-    t: Floats
-    u: Floats
-    inputs: Sequence[str]
-    labels: Sequence[str]
-    readings: Sequence[Floats]
-    measured: Sequence[str]
-    missed: Floats | None
-    pair: tuple[int, int]
-    title: str = "what to play"
-
-
-def next_figure(p: Proposed, units: Mapping[str, str]) -> Any:
-    """The input, what each rival predicts, and what the closest wrong one would miss."""
     import matplotlib.pyplot as plt
 
-    rows = 2 if p.missed is None else 3
+    best, rivals, t = advice.proposal.best, advice.known.rivals, advice.bench.t
+    assert best is not None
+    inputs = advice.bench.model.model.input_names[: len(advice.bench.middle)]
+    rows = 2 if left is None else 3
     figure, axes = plt.subplots(rows, 1, sharex=True, figsize=(style.WIDTH, 2.2 * rows + 0.8))
-    for j, name in enumerate(p.inputs):
-        axes[0].step(p.t, p.u[:, j], where="post", lw=1.2, color=COLOURS[j % len(COLOURS)], label=name)
-    axes[0].set_ylabel(axis_label(p.inputs[0], units) if len(p.inputs) == 1 else "inputs")
-    axes[0].set_title(p.title)
-    if len(p.inputs) > 1:
+    for j, name in enumerate(inputs):
+        axes[0].step(t, best.u[:, j], where="post", lw=1.2, color=COLOURS[j % len(COLOURS)], label=name)
+    axes[0].set_ylabel(axis_label(inputs[0], units) if len(inputs) == 1 else "inputs")
+    axes[0].set_title(lengths_in_words(advice))
+    if len(inputs) > 1:
         axes[0].legend(loc="upper right", ncols=4)
-    for k, (label, y) in enumerate(zip(p.labels, p.readings, strict=True)):
+    for k, (rival, y) in enumerate(zip(rivals, best.readings, strict=True)):
         dash = "-" if k == 0 else (0, (4, 1 + k))
-        axes[1].plot(p.t, y[:, 0], color=COLOURS[k % len(COLOURS)], ls=dash, lw=1.4, label=label)
-    axes[1].set_ylabel(axis_label(p.measured[0], units))
+        axes[1].plot(t, y[:, 0], color=COLOURS[k % len(COLOURS)], ls=dash, lw=1.4, label=rival.label)
+    axes[1].set_ylabel(axis_label(measured[0], units))
     axes[1].set_title("what each explanation predicts")
-    if p.missed is not None:
-        for k, name in enumerate(p.measured):
-            axes[2].plot(p.t, p.missed[:, k], lw=1.2, color=COLOURS[k % len(COLOURS)], label=name)
+    if left is not None:
+        for k, name in enumerate(measured):
+            axes[2].plot(t, left[:, k], lw=1.2, color=COLOURS[k % len(COLOURS)], label=name)
         axes[2].axhspan(-2, 2, color=style.FLOOR, alpha=0.35, lw=0, label="noise, ±2σ")
         axes[2].set_ylabel("missed / σ")
-        right, wrong = p.pair
-        axes[2].set_title(f"if {p.labels[right]} is right, what {p.labels[wrong]} misses, fitted again")
+        right, wrong = (rivals[k].label for k in advice.proposal.closest(rivals, advice.bench))
+        axes[2].set_title(f"if {right} is right, what {wrong} misses, fitted again")
         axes[2].legend(loc="upper right", ncols=4)
     axes[-1].set_xlabel("time (s)")
     figure.align_ylabels()
@@ -139,8 +124,7 @@ def _question(
     paths = [context.folder / note["file"] for note in document["data"]]
     model = context.plant.corrected
     reading = load_reading(model, section, paths, context.folder, str(context.path), strict=False)
-    known = [Known(c.file, c.values) for c in section.conditions]
-    record, names = under_conditions(reading, model, known)
+    record, names = under_conditions(reading, model, section.conditions)
     conditions = tuple(dict.fromkeys(tuple(t.u[0, len(model.inputs) :].tolist()) for t in record.traces))
     settings = DiagnosisSettings(
         window_s=section.window_s, horizon_s=section.horizon_s, held_out_traces=reading.held_out,
@@ -245,7 +229,6 @@ def _write(context: Context, question: Question, advice: Advice, out_dir: Path) 
     out_dir.mkdir(parents=True, exist_ok=True)
     text = paragraph(question, advice, context.units, str(out_dir / INPUT))
     best, rivals, names = advice.proposal.best, advice.known.rivals, context.inputs
-    shown: Proposed | None = None
     content: dict[str, Any] = {
         "paragraph": text,
         "rivals": [r.label for r in rivals],
@@ -253,33 +236,26 @@ def _write(context: Context, question: Question, advice: Advice, out_dir: Path) 
         "outside": advice.proposal.left,
         "probability": advice.proposal.sure if len(rivals) > 1 else None,
         **_lengths(question, advice),
-        "remedy": None if advice.remedy is None else advice.remedy.plain(),
+        "remedy": None if advice.remedy is None else asdict(advice.remedy),
         "input": None if best is None else INPUT,
         "conditions": dict(zip(question.model.conditions, advice.bench.held, strict=True)),
         "start": dict(zip(question.model.state_names, question.start.tolist(), strict=True)),
     }
+    left = None
+    if best is not None and len(rivals) > 1:
+        content["expected_chi2"] = best.d.tolist()
+        content["alike"] = [[rivals[a].label, rivals[b].label] for a, b in advice.proposal.alike()]
+        left = missed(advice.bench, best, rivals, *advice.proposal.closest(rivals, advice.bench))
+        content["chi2_alone"] = float(np.sum(left**2))
+    elif best is not None:
+        content["standard_errors"] = best.d.tolist()
     if best is not None:
-        rows = [",".join(["t", *names])]
-        rows += [
-            ",".join(f"{v:.9g}" for v in (t, *u)) for t, u in zip(advice.bench.t, best.u[:, : len(names)], strict=True)
-        ]
-        write_text(out_dir / INPUT, "\n".join(rows) + "\n")
-        pair, left = (0, 0), None
-        if len(rivals) > 1:
-            content["expected_chi2"] = best.d.tolist()
-            content["alike"] = [[rivals[a].label, rivals[b].label] for a, b in advice.proposal.alike()]
-            pair = advice.proposal.closest(rivals, advice.bench)
-            left = missed(advice.bench, best, rivals, *pair)
-            content["chi2_alone"] = float(np.sum(left**2))
-        else:
-            content["standard_errors"] = best.d.tolist()
-        shown = Proposed(
-            advice.bench.t, best.u[:, : len(names)], names, content["rivals"], best.readings, question.record.measured,
-            left, pair, lengths_in_words(advice),
-        )  # fmt: skip
+        rows = np.column_stack([advice.bench.t, best.u[:, : len(names)]]).tolist()
+        lines = [",".join(["t", *names]), *(",".join(f"{v:.9g}" for v in row) for row in rows)]
+        write_text(out_dir / INPUT, "\n".join(lines) + "\n")
     content["provenance"] = provenance("next", context.case, context.folder, {"inputs": SEED})
     write_json(out_dir / JSON, content)
-    if shown is not None:
+    if best is not None:
         with style.figure_style():
-            style.drawn(lambda: next_figure(shown, context.units), out_dir / PICTURE)
+            style.drawn(lambda: next_figure(advice, question.record.measured, left, context.units), out_dir / PICTURE)
     return content

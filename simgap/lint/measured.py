@@ -11,11 +11,12 @@ from simgap.diagnosis.record.channels import Channel, measured_columns
 from simgap.diagnosis.record.clock import same_file
 from simgap.diagnosis.record.conditions import conditioned
 from simgap.effects import EFFECTS
-from simgap.errors import Finding, UserError, nearest
-from simgap.io.recordings.measured import channels_of, condition_channels, reading_options
+from simgap.errors import Finding, UserError, nearest, placed
+from simgap.io.recordings.measured import channels_of, condition_channels
 from simgap.io.recordings.tables import kind_of, read_header
 from simgap.model.symbolic import SymbolicModel
 from simgap.plants.context import Context
+from simgap.units import conversion
 
 
 def check_measured(context: Context) -> None:
@@ -31,7 +32,9 @@ def check_measured(context: Context) -> None:
         model = context.plant.corrected if context.plant.declared.derived else context.plant.declared
         channels = channels_of(model, section, str(context.path))
         conditions = condition_channels(model, section, str(context.path))
-        _ = reading_options(section)
+        if section.time.unit is not None:
+            with placed(key="measured.time.unit", remedy="Use s, ms, us or ns."):
+                conversion(section.time.unit, "s")
         _refuse_effects(section)
         refuse_unknown(section, model)
         _refuse_conditions(section, model)

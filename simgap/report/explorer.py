@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.diagnosis.result import WindowPrediction
 from simgap.io import figure_style as style
 from simgap.io.traces import GAP_AWARE, NOMINAL, TITLES, shown
 from simgap.notation import axis_label
@@ -48,21 +49,6 @@ class Row:
     limits: Sequence[float] = ()
 
 
-class Predicted(Protocol):
-    """Measured and predicted values (n, k) at t (n,) s of a trace, of the model as declared and as corrected."""
-
-    @property
-    def trace(self) -> str: ...  # noqa: D102
-    @property
-    def t(self) -> Floats: ...  # noqa: D102
-    @property
-    def measured(self) -> Floats: ...  # noqa: D102
-    @property
-    def before(self) -> Floats: ...  # noqa: D102
-    @property
-    def after(self) -> Floats: ...  # noqa: D102
-
-
 def explored_runs(m: Material) -> dict[str, Any]:
     """A row for each state, with both controllers, and a row for its gap in its bound."""
     runs = [shown(m.traces, kind) for kind in (NOMINAL, GAP_AWARE)]
@@ -87,7 +73,7 @@ def _rows_of_runs(m: Material, runs: Sequence[Any]) -> Iterator[Row]:
 
 
 def explored_predictions(
-    windows: Sequence[Predicted], names: Sequence[str], units: Mapping[str, str]
+    windows: Sequence[WindowPrediction], names: Sequence[str], units: Mapping[str, str]
 ) -> dict[str, Any]:
     """Measured and predicted values of one trace, a row for each name: windows in order, with a break between them."""
     ends = np.cumsum([len(w.t) for w in windows])

@@ -41,11 +41,11 @@ def transition_columns(
         model: the corrected one, its known conditions as inputs.
         late: seconds by which an input acts later; declared: condition -> its value in the case.
     """
-    known = seen([w for w in windows if w.held_out], sigma, model)
-    steps = [np.diff(w.t) for w in known.windows]
-    domain, measured = context.case.domain, list(known.sigma)
+    whole, noise = seen([w for w in windows if w.held_out], sigma, model)
+    steps = [np.diff(w.t) for w in whole]
+    domain, measured = context.case.domain, list(noise)
     tau = domain.tau if domain is not None else float(np.median(np.concatenate(steps))) if steps else 1.0
-    plain, later = (transitions(known.windows, measured, model, by, tau) for by in ({}, late))
+    plain, later = (transitions(whole, measured, model, by, tau) for by in ({}, late))
     names = [*model.state_names, *model.input_names]
     kept = np.ones(len(plain.start), dtype=bool)
     for n, value in declared.items():

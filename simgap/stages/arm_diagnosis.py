@@ -10,20 +10,16 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.config.measured import MeasuredSection
-from simgap.diagnosis.arms.answer import ArmDiagnosis
 from simgap.diagnosis.arms.diagnose import ArmSettings, diagnose_arm
-from simgap.diagnosis.arms.motion import columns_of
 from simgap.diagnosis.arms.problem import TERMS, Payload
 from simgap.diagnosis.record.clock import same_file
 from simgap.diagnosis.record.survey import Survey
 from simgap.diagnosis.record.traces import Reading
-from simgap.diagnosis.result import WindowPrediction
+from simgap.effects import effect
 from simgap.errors import UserError
 from simgap.io.atomic import write_text
-from simgap.io.documents import write_json
 from simgap.io.model_export import with_inertial
 from simgap.io.pages import need_template
-from simgap.io.parquet import table, write_parquet
 from simgap.io.rerun.diagnosis import write_recording
 from simgap.model.tree import Tree
 from simgap.plants.context import Context
@@ -31,10 +27,9 @@ from simgap.provenance import provenance
 from simgap.report.arm_document import TEMPLATE, document, draw, page
 from simgap.stages import log
 from simgap.stages.acted_out import acted_out
-from simgap.stages.corrected_case import corrected_case
+from simgap.stages.corrected_case import CASE, corrected_case, write_answer
 
-JSON, PAGE, CASE, MODEL = "diagnosis.json", "report.html", "corrected_case.yaml", "corrected.urdf"
-RECORDING, TRANSITIONS = "residual.rrd", "transitions.parquet"
+PAGE, MODEL, RECORDING = "report.html", "corrected.urdf", "residual.rrd"
 
 
 def run(
@@ -49,58 +44,35 @@ def run(
         UserError: whatever is wrong with the case or the data, naming file, row or key and the remedy.
     """
     need_template(TEMPLATE)
-    record, model = reading.record, context.plant.declared
+    record, model, case = reading.record, context.plant.declared, context.case
     with context.blame():
         inputs = [_drive(context, joint) for joint in tree.joints]
         ends = [model.coordinate(joint) for joint in tree.joints]
-        where = columns_of([c.position for c in ends], [c.velocity for c in ends], inputs, record)
         settings = ArmSettings(
             reading.held_out, section.held_out.fraction, section.max_effects or ArmSettings.most,
             _payloads(section, reading), _known(context, tree, inputs),
         )  # fmt: skip
-        found = diagnose_arm(tree, record, where, {c.name: c.force_unit for c in ends}, settings, tell)
+        found = diagnose_arm(tree, record, ends, inputs, settings, tell)
     for warning in (*reading.warnings, *look.warnings, *found.warnings):
         log.warning("%s", warning)
     made_of = provenance("diagnosis", context.case, context.folder)
     content = document(found, reading, look, tree, inputs, context.units, made_of)
     out_dir.mkdir(parents=True, exist_ok=True)
-    _write_corrected(context, section, found, paths, out_dir, content["sentence"])
-    none = np.zeros((0, 0))
-    windows = [
-        WindowPrediction(
-            p.trace, True, p.t, p.measured, p.before, p.after, none, np.zeros((len(p.t), 0)), np.ones_like(p.measured)
-        )
-        for p in found.predictions
-    ]
-    nothing = [*context.states, *(f"{k}{n}" for k in ("", "late_") for n in context.inputs)]
-    columns = {
-        n: np.zeros(0) for n in (*nothing, *(f"next_{n}" for n in record.measured))
-    }  # none is held against gamma
-    units = {c: context.units[c.removeprefix("late_").removeprefix("next_")] for c in columns}
-    write_parquet(out_dir / TRANSITIONS, table(columns, units, {"case": context.case.name}, made_of))
-    write_json(out_dir / JSON, content)
-    tell(f"{content['verdict']}: {content['sentence']}")
-    title = context.case.title or context.case.name
-    write_text(out_dir / PAGE, page(content, title, draw(found, inputs, context.units, out_dir)))
-    write_recording(out_dir / RECORDING, windows, inputs, (), context.units, context.case.name)
-    return content
-
-
-def _write_corrected(
-    context: Context, section: MeasuredSection, found: ArmDiagnosis, paths: Sequence[Path], out_dir: Path, sentence: str
-) -> None:  # fmt: skip
-    """The corrected case, and beside it the URDF with the inertial parameters that were found."""
-    urdf = context.case.plant.urdf
-    other = None
-    if found.verdict in ("attributed", "partial") and found.inertial and urdf is not None:
-        other = MODEL
-        write_text(out_dir / MODEL, with_inertial(context.folder / urdf, out_dir, found.inertial))
-    target = out_dir / CASE
+    urdf = MODEL if found.verdict in ("attributed", "partial") and found.inertial and case.plant.urdf else None
+    if urdf is not None and case.plant.urdf is not None:
+        write_text(out_dir / MODEL, with_inertial(context.folder / case.plant.urdf, out_dir, found.inertial))
     simulated = acted_out(context, section, found.applied)
     text = corrected_case(
-        context.path, target, found.applied, paths, section.rig, sentence, urdf=other, simulated=simulated
-    )
-    write_text(target, text)
+        context.path, out_dir / CASE, found.applied, paths, section.rig, content["sentence"], urdf=urdf,
+        simulated=simulated,
+    )  # fmt: skip
+    nothing = [*context.states, *(f"{k}{n}" for k in ("", "late_") for n in context.inputs)]
+    none = {n: np.zeros(0) for n in (*nothing, *(f"next_{n}" for n in record.measured))}  # is held against gamma
+    write_answer(context, content, text, none, out_dir)
+    tell(f"{content['verdict']}: {content['sentence']}")
+    write_text(out_dir / PAGE, page(content, case.title or case.name, draw(found, inputs, context.units, out_dir)))
+    write_recording(out_dir / RECORDING, found.predictions, inputs, (), context.units, case.name)
+    return content
 
 
 def _drive(context: Context, joint: str) -> str:
@@ -147,12 +119,12 @@ def _known(context: Context, tree: Tree, inputs: Sequence[str]) -> dict[str, Flo
             ratios = known.setdefault(e.name, np.ones(tree.size))
             ratios[list(inputs).index(e.on)] *= float(e.values["ratio"])
             continue
-        places = inputs if e.name in TERMS and TERMS[e.name].of_input else tree.joints
+        places = inputs if effect(e.name).kind == "input" else tree.joints
         if e.name not in TERMS or e.on not in places:
             raise UserError(
                 f"the effect '{e.name}' on '{e.on}' cannot be in the model of an arm of {tree.size} joints",
                 key=f"plant.effects.{k}", remedy=f"Known on its joints and inputs: {', '.join(TERMS)}, input_gain.",
             )  # fmt: skip
         values = known.setdefault(e.name, np.zeros(tree.size))
-        values[list(places).index(e.on)] += float(e.values[TERMS[e.name].symbol])
+        values[list(places).index(e.on)] += float(e.values[effect(e.name).parameters[0].symbol])
     return known

@@ -13,6 +13,7 @@ import numpy as np
 import yaml
 
 from simgap import reading
+from simgap.arrays import Floats
 from simgap.config.case import Case
 from simgap.config.copied_plugins import plugin_copies, with_plugin_copies
 from simgap.config.domain import InputSet
@@ -22,7 +23,11 @@ from simgap.config.plant import AddedEffect
 from simgap.diagnosis.verdict.remainder import RemainderUse
 from simgap.effects import AppliedEffect, delays_and_lags, effect
 from simgap.geometry import Box, Grid
+from simgap.io.atomic import atomic, write_text
+from simgap.io.documents import write_json
+from simgap.io.parquet import table, write_parquet
 from simgap.notation import one_line
+from simgap.plants.context import Context
 from simgap.plants.plant_model import PlantModel
 from simgap.simulators.commands import CommandPath
 from simgap.specifications.base import specification_of
@@ -147,6 +152,24 @@ def _inputs(case: Case) -> int:
 
 
 SUFFIX = "_corrected"
+JSON, CASE, TRANSITIONS = "diagnosis.json", "corrected_case.yaml", "transitions.parquet"
+
+
+def write_answer(
+    context: Context, content: Mapping[str, Any], case: str, columns: Mapping[str, Floats], out_dir: Path
+) -> None:
+    """Write the files that hold the answer, its document the last of them.
+
+    Args:
+        content: of the document; case: text of the corrected case; columns: of the transitions.
+    """
+    units = {c: context.units[c.removeprefix("late_").removeprefix("next_")] for c in columns}
+    write_parquet(out_dir / TRANSITIONS, table(columns, units, {"case": context.case.name}, content["provenance"]))
+    for plugin in plugin_copies(context.case, context.folder, out_dir):
+        with atomic(out_dir / plugin.file) as temporary:
+            temporary.write_bytes(plugin.content)
+    write_text(out_dir / CASE, case)
+    write_json(out_dir / JSON, content)
 
 
 def corrected_case(

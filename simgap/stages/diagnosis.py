@@ -9,27 +9,23 @@ from typing import Any
 
 import numpy as np
 
-from simgap.config.copied_plugins import plugin_copies
 from simgap.config.measured import MeasuredSection, matching_files, named_recordings
 from simgap.diagnosis.diagnose import diagnose_mended
-from simgap.diagnosis.record.conditions import Known, conditioned, under_conditions
+from simgap.diagnosis.record.conditions import conditioned, under_conditions
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.record.survey import Survey, survey
 from simgap.diagnosis.record.traces import Reading
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
-from simgap.diagnosis.verdict.missing import missing_terms
-from simgap.diagnosis.verdict.remainder import Remainder, RemainderUse, bound_remainder, use_of
+from simgap.diagnosis.verdict.missing import Missing, missing_terms
+from simgap.diagnosis.verdict.remainder import bound_remainder, use_of
 from simgap.effects import apply_effects
 from simgap.errors import UserError
-from simgap.io.atomic import atomic, write_text
-from simgap.io.documents import write_json
+from simgap.io.atomic import write_text
 from simgap.io.pages import need_template
-from simgap.io.parquet import table, write_parquet
 from simgap.io.recordings.measured import load_reading
 from simgap.io.recordings.tables import rig_record
 from simgap.io.rerun.diagnosis import write_recording
 from simgap.lint.measured import check_measured, refuse_links, refuse_unknown
-from simgap.model.symbolic import SymbolicModel
 from simgap.notation import number, pretty_unit
 from simgap.plants.context import Context
 from simgap.provenance import provenance
@@ -37,8 +33,8 @@ from simgap.report.diagnosis_document import document
 from simgap.report.diagnosis_page import TEMPLATE, draw, page
 from simgap.report.measured_share import transition_columns
 from simgap.stages import arm_diagnosis, log
-from simgap.stages.acted_out import ActedOut, measured_out
-from simgap.stages.corrected_case import corrected_case
+from simgap.stages.acted_out import measured_out
+from simgap.stages.corrected_case import CASE, corrected_case, write_answer
 
 ROUNDED = 1e-6
 """A number that was logged in single precision is as far off, over its size."""
@@ -77,9 +73,7 @@ def outside(context: Context, record: Record) -> str | None:
     )
 
 
-Corrected = tuple[SymbolicModel, dict[str, float]]  # of `PlantModel.corrected_by`
-JSON, PAGE, CASE, RECORDING = "diagnosis.json", "report.html", "corrected_case.yaml", "residual.rrd"
-TRANSITIONS = "transitions.parquet"
+PAGE, RECORDING = "report.html", "residual.rrd"
 
 
 def run(
@@ -133,8 +127,7 @@ def run(
     with context.blame():
         for warning in (*reading.warnings, *look.warnings):
             log.warning("%s", warning)
-        known = [Known(c.file, c.values) for c in section.conditions]
-        record, names = under_conditions(reading, model, known)
+        record, names = under_conditions(reading, model, section.conditions)
         tell("searching for what the model lacks")
         found, mended = diagnose_mended(conditioned(model, names), record, _settings(section, reading), tell)
         reading = replace(reading, record=mended)
@@ -156,20 +149,35 @@ def conclude(
     tell: Callable[[str], None] = lambda words: None,
 ) -> dict[str, Any]:
     """Bound what is left, write the answer, say it, then draw it: the content of `diagnosis.json`."""
-    model, shifts = context.plant.corrected_by(found.applied)
-    corrected = conditioned(model, _conditions(reading, context)), shifts
-    remembering = conditioned(apply_effects(context.plant.corrected, found.applied), _conditions(reading, context))
-    remainder = _remainder(context, section, corrected, remembering, found, reading)
-    case = context.case
+    case, plant, domain, record = context.case, context.plant, context.case.domain, reading.record
+    differing = record.inputs[len(context.inputs) :]  # parameters that differ among the recordings
+    usual = {n: plant.corrected.parameters[n].value for n in differing}
+    model, shifts = plant.corrected_by(found.applied)
+    declared, corrected, remembering = (
+        conditioned(m, differing) for m in (plant.corrected, model, apply_effects(plant.corrected, found.applied))
+    )
+    noise = {name: found.sigma[name] for name in record.measured}
+    tau, X = (0.0, {}) if domain is None else (domain.tau, domain.X)
+    limits = {s: ends for s, ends in X.items() if s in corrected.state_names}
+    remainder = bound_remainder(
+        found.windows, noise, (declared, corrected), shifts, tau, section.confidence, limits, usual, remembering
+    )
     use = use_of(remainder, found.verdict, section.rig, case.gap is not None, case.hidden_state is not None)
-    made_of = provenance("diagnosis", case, context.folder)
     with context.blame():
-        simulated = measured_out(context, section, found, (reading.record.measured, reading.record.inputs))
-    content = document(found, reading, look, remainder, use, context.units, made_of)
+        simulated = measured_out(context, section, found, (record.measured, record.inputs))
+    content = document(
+        found, reading, look, remainder, use, context.units, provenance("diagnosis", case, context.folder)
+    )
     content["simulator"] = simulated.document() if simulated is not None else None
-    _write(context, section, corrected, found, reading, content, use, simulated, paths, out_dir)
+    out_dir.mkdir(parents=True, exist_ok=True)  # first: `out/../rod.urdf` is no file before
+    text = corrected_case(
+        context.path, out_dir / CASE, found.applied, paths, section.rig, content["sentence"], use, simulated=simulated
+    )
+    columns = transition_columns(context, found.windows, noise, corrected, shifts, usual)
+    write_answer(context, content, text, columns, out_dir)
     tell(f"{content['verdict']}: {content['sentence']}")
-    _show(context, corrected, found, reading, content, out_dir)
+    lacking = missing_terms(record, declared, corrected, shifts, np.array(list(noise.values())))
+    _show(context, found, record, content, lacking, out_dir)
     return content
 
 
@@ -202,84 +210,14 @@ def _settings(section: MeasuredSection, reading: Reading) -> DiagnosisSettings:
     )
 
 
-def _conditions(reading: Reading, context: Context) -> tuple[str, ...]:
-    """Parameters that differ among the recordings."""
-    return reading.record.inputs[len(context.inputs) :]
-
-
-def _declared(context: Context, reading: Reading) -> SymbolicModel:
-    """The model before this diagnosis, its known conditions as inputs."""
-    return conditioned(context.plant.corrected, _conditions(reading, context))
-
-
-def _remainder(
-    context: Context, section: MeasuredSection, corrected: Corrected, remembering: SymbolicModel, found: Diagnosis,
-    reading: Reading,
-) -> Remainder | None:  # fmt: skip
-    domain, (model, shifts) = context.case.domain, corrected
-    return bound_remainder(
-        found.windows,
-        {name: found.sigma[name] for name in reading.record.measured},
-        (_declared(context, reading), model),
-        shifts,
-        domain.tau if domain is not None else 0.0,
-        section.confidence,
-        {s: ends for s, ends in domain.X.items() if s in model.state_names} if domain is not None else {},
-        _as_declared(context, model),
-        remembering,
-    )
-
-
-def _as_declared(context: Context, model: SymbolicModel) -> dict[str, float]:
-    """Known condition -> its value in the case."""
-    return {n: context.plant.corrected.parameters[n].value for n in model.conditions}
-
-
-def _write(
-    context: Context,
-    section: MeasuredSection,
-    corrected: Corrected,
-    found: Diagnosis,
-    reading: Reading,
-    content: Mapping[str, Any],
-    use: RemainderUse,
-    simulated: ActedOut | None,
-    paths: Sequence[Path],
-    out_dir: Path,
-) -> None:
-    """Write the files that hold the answer, its document the last of them."""
-    model, shifts = corrected
-    target = out_dir / CASE
-    out_dir.mkdir(parents=True, exist_ok=True)  # first: `out/../rod.urdf` is no file before
-    text = corrected_case(
-        context.path, target, found.applied, paths, section.rig, content["sentence"], use, simulated=simulated
-    )
-    noise = {s: found.sigma[s] for s in reading.record.measured}
-    columns = transition_columns(context, found.windows, noise, model, shifts, _as_declared(context, model))
-    units = {c: context.units[c.removeprefix("late_").removeprefix("next_")] for c in columns}
-    write_parquet(out_dir / TRANSITIONS, table(columns, units, {"case": context.case.name}, content["provenance"]))
-    for plugin in plugin_copies(context.case, context.folder, out_dir):
-        with atomic(out_dir / plugin.file) as temporary:
-            temporary.write_bytes(plugin.content)
-    write_text(target, text)
-    write_json(out_dir / JSON, content)
-
-
 def _show(
-    context: Context,
-    corrected: Corrected,
-    found: Diagnosis,
-    reading: Reading,
-    content: Mapping[str, Any],
+    context: Context, found: Diagnosis, record: Record, content: Mapping[str, Any], lacking: Sequence[Missing],
     out_dir: Path,
-) -> None:
+) -> None:  # fmt: skip
     """Write the files that show the answer: page, pictures, recording."""
-    record, title = reading.record, context.case.title or context.case.name
-    sigma = np.array([found.sigma[s] for s in record.measured])
-    lacking = missing_terms(record, _declared(context, reading), *corrected, sigma)
     inputs = record.inputs[: len(context.inputs)]
     windows = [replace(w, inputs=w.inputs[:, : len(inputs)]) for w in found.windows]
     figures = draw(content, windows, (record.measured, inputs), lacking, out_dir)
-    write_text(out_dir / PAGE, page(content, title, figures))
+    write_text(out_dir / PAGE, page(content, context.case.title or context.case.name, figures))
     names = (record.measured, inputs, context.units, context.case.name)
     write_recording(out_dir / RECORDING, windows, *names, content["sentence"])

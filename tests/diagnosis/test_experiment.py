@@ -115,7 +115,7 @@ def test_equal_explanations_are_said_to_be_equal_and_what_parts_them_is_named():
     assert advice.proposal.sure < 0.05
     assert advice.remedy.kind == "condition"
     assert advice.remedy.name == "m"
-    assert advice.remedy.sure > 0.99
+    assert advice.remedy.probability > 0.99
 
 
 def test_pairs_that_nothing_tells_do_not_hide_those_that_an_input_does():

@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import norm
 
-from simgap.diagnosis.verdict.conformal_bound import Left, Sizes, bound, memory, pieces
+from simgap.diagnosis.verdict.conformal_bound import Sizes, bound, memory, pieces
 from simgap.split_conformal import attained
 
 LEVEL = 0.95
@@ -19,14 +19,14 @@ def correlated(rng, n, rho):
 def printed(runs, fitted=()):
     """Bound and confidence from held-out runs, and from others that help to see what lasts and what differs."""
     both = [*fitted, *runs]
-    left = Left(
+    held_out = np.repeat([k >= len(fitted) for k in range(len(both))], [len(r) for r in both])
+    piece, by_run = pieces(
         np.concatenate(both)[:, None],
         np.repeat(np.arange(len(both)), [len(r) for r in both]),
         np.concatenate([np.arange(len(r)) for r in both]),
-        np.repeat([k >= len(fitted) for k in range(len(both))], [len(r) for r in both]),
+        held_out,
     )
-    piece, by_run = pieces(left)
-    fresh = Sizes(np.abs(np.concatenate(runs))[:, None], {}, piece[left.held_out])
+    fresh = Sizes(np.abs(np.concatenate(runs))[:, None], {}, piece[held_out])
     (limit,) = bound(Sizes(np.zeros((0, 1)), {}), fresh, LEVEL)
     return float(limit), attained(fresh.count, LEVEL), by_run
 

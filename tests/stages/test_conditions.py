@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from simgap.config.measured import MeasuredSection
-from simgap.diagnosis.record.conditions import Known, conditioned, under_conditions
+from simgap.diagnosis.record.conditions import conditioned, under_conditions
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.simulation.initial import initial_states
@@ -111,8 +111,7 @@ def test_a_real_drive_under_four_weights_has_the_gain_that_others_found_and_carr
     section, model = context.case.measured, context.plant.corrected
     reading = load_reading(model, section, [path.parent / f for f in section.files], path.parent)
     assert not [w for w in reading.warnings if "derivative" in w]
-    known = [Known(c.file, c.values) for c in section.conditions]
-    record, names = under_conditions(reading, model, known)
+    record, names = under_conditions(reading, model, section.conditions)
     places = {
         "input_gain": ("torque", 1.0, 0.912), "coulomb_friction": ("hinge", 0.05, 0.091),
         "viscous_friction": ("hinge", 0.01, 0.047), "reflected_inertia": ("hinge", 0.005, 0.0109),
@@ -154,7 +153,7 @@ def test_the_real_drive_s_runs_as_json_with_their_weights_inside_are_the_same_re
     )
     stated = load_reading(model, section, files, path.parent)
     record, names = under_conditions(inside, model, ())
-    other, _ = under_conditions(stated, model, [Known(c.file, c.values) for c in section.conditions])
+    other, _ = under_conditions(stated, model, section.conditions)
     assert names == ("m",)
     assert len(record.traces) == len(other.traces) == 16
     for one, two in zip(record.traces, other.traces, strict=True):

@@ -15,8 +15,9 @@ from mcap_ros2._dynamic import serialize_dynamic
 from mcap_ros2.writer import Writer
 
 from simgap.cli import main
+from simgap.config.measured import MeasuredSection
 from simgap.diagnosis.record.channels import Channel
-from simgap.diagnosis.record.traces import ReadingOptions, read_traces
+from simgap.diagnosis.record.traces import read_traces
 from simgap.errors import UserError
 from simgap.io.recordings.tables import read_header, read_recording
 from simgap.stages import check
@@ -341,7 +342,7 @@ def test_a_stamp_that_goes_back_is_told(tmp_path):
         "1 of 101 messages of '/joint_states' are stamped before one that was logged earlier, by up to 0.29 s; "
         "they are put in order",
     )
-    reading = read_traces([raw], [Channel("q", "rad", False, Q)], ReadingOptions(0.1))
+    reading = read_traces([raw], [Channel("q", "rad", False, Q)], MeasuredSection(window_s=0.1))
     assert reading.warnings[0] == f"back.mcap: {raw.notes[0]}"
     assert read(written(tmp_path / "fine.mcap", messages[:50]), Q).notes == ()
 

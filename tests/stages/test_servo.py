@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simgap.diagnosis.record.conditions import Known, conditioned, under_conditions
+from simgap.diagnosis.record.conditions import conditioned, under_conditions
 from simgap.diagnosis.result import DiagnosisSettings, WindowPrediction
 from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.simulation.initial import initial_states
@@ -69,8 +69,7 @@ def test_what_four_effects_leave_is_narrow_and_covers_recordings_that_nothing_ha
     section, model, tau = context.case.measured, context.plant.corrected, context.case.domain.tau
     assert not any(name in file for name in SEALED for file in section.files)
     reading = load_reading(model, section, [CASE.parent / f for f in section.files], CASE.parent)
-    known = [Known(c.file, c.values) for c in section.conditions]
-    record, names = under_conditions(reading, model, known)
+    record, names = under_conditions(reading, model, section.conditions)
     found = corrected_by_fit(context, record, names, reading)
     corrected, shifts = context.plant.corrected_by(found)
     models = conditioned(model, names), conditioned(corrected, names)
@@ -83,8 +82,8 @@ def test_what_four_effects_leave_is_narrow_and_covers_recordings_that_nothing_ha
     quiet = section.model_copy(update={"conditions": (), "masks": (), "held_out": type(section.held_out)()})
     folder = (CASE.parent / section.files[0]).parent
     fresh = load_reading(model, quiet, [folder / name for name in SEALED], CASE.parent).record
-    seal = seen(tuple(windows(fresh, [t.name for t in fresh.traces], 2)), sigma, corrected)
-    part = within(transitions(seal.windows, ["q", "v"], corrected, {}, tau), corrected, limits)
+    sealed, _ = seen(tuple(windows(fresh, [t.name for t in fresh.traces], 2)), sigma, corrected)
+    part = within(transitions(sealed, ["q", "v"], corrected, {}, tau), corrected, limits)
     residual = np.abs(part.then - held(corrected, part))
     bound = np.array([left.after[s] for s in "qv"])
     if left.rest_after is not None:

@@ -13,7 +13,7 @@ from simgap.diagnosis.arms.fit import residual
 from simgap.diagnosis.arms.gains import Gains, scaled
 from simgap.diagnosis.arms.inertia import BaseParameters, Consistent
 from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, TERMS, ArmFolds, Key, Part, Payload
-from simgap.diagnosis.result import Estimate, FoundEffect, RecordingFault, Verdict
+from simgap.diagnosis.result import Estimate, FoundEffect, RecordingFault, Verdict, WindowPrediction
 from simgap.diagnosis.thresholds import FIT_QUALITY, SURE
 from simgap.diagnosis.verdict.score import Errors, Gain, gained
 from simgap.effects import AppliedEffect, effect
@@ -51,17 +51,6 @@ class Sought:
 
 
 @dataclass(frozen=True, eq=False)
-class Prediction:
-    """Torques of one trace of *confirm*: measured, of the model as declared and as corrected, (R, n) over t (R,)."""
-
-    trace: str
-    t: Floats
-    measured: Floats
-    before: Floats
-    after: Floats
-
-
-@dataclass(frozen=True, eq=False)
 class ArmDiagnosis:
     """The answer.
 
@@ -79,7 +68,7 @@ class ArmDiagnosis:
         folds: fold -> traces; whole: whether they are whole traces.
         sought: every term and what became of it.
         cut_hz: cut of the low pass; independent: input -> rows of fit and choose that count as independent.
-        predictions: for plots.
+        predictions: torques of each trace of *confirm*, for plots.
         recording: torque columns that are not what the case says; the verdict is about the others.
         warnings: what a person should know.
         inertial: link -> parameters (10,) of the corrected model, which bodies can have; empty if as declared.
@@ -102,7 +91,7 @@ class ArmDiagnosis:
     sought: tuple[Sought, ...]
     cut_hz: float
     independent: Mapping[str, float]
-    predictions: tuple[Prediction, ...]
+    predictions: tuple[WindowPrediction, ...]
     recording: tuple[RecordingFault, ...]
     warnings: tuple[str, ...]
     inertial: Mapping[str, Floats]
@@ -323,13 +312,15 @@ def _sought(found: Found) -> tuple[Sought, ...]:
     return tuple(rows)
 
 
-def _predictions(confirm: Part, corrected: Part, theta: Floats, names: Sequence[str]) -> tuple[Prediction, ...]:
+def _predictions(confirm: Part, corrected: Part, theta: Floats, names: Sequence[str]) -> tuple[WindowPrediction, ...]:
     out = []
     for k in np.unique(confirm.trace):
         rows = confirm.trace == k
         measured = confirm.torque[rows]
         before, after = measured - confirm.y[rows], measured - residual(corrected, theta)[rows]
-        out.append(Prediction(names[k], confirm.t[rows], measured, before, after))
+        none = np.zeros((len(measured), 0))
+        own = (measured, before, after, none, none, np.ones_like(measured))
+        out.append(WindowPrediction(names[k], True, confirm.t[rows], *own))
     return tuple(out)
 
 

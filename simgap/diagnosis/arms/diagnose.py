@@ -18,12 +18,13 @@ from simgap.diagnosis.arms.answer import ArmDiagnosis, Found, answer
 from simgap.diagnosis.arms.fit import admissible, choose, correlation_rows, solve, spread, standard_errors
 from simgap.diagnosis.arms.gains import SAID, gains, lone_gains, open_gains, scaled
 from simgap.diagnosis.arms.inertia import BaseParameters, Consistent, base_parameters, consistent
-from simgap.diagnosis.arms.motion import Columns, motions, rest_speeds
+from simgap.diagnosis.arms.motion import motions, rest_speeds
 from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, TERMS, Key, Part, Payload, folds_of, keys_of, part_of
 from simgap.diagnosis.arms.torque_columns import faulty_columns, without
 from simgap.diagnosis.record.noise import noise_floor
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.thresholds import SURE
+from simgap.model.symbolic import Coordinate
 from simgap.model.tree import Tree
 
 
@@ -46,23 +47,22 @@ class ArmSettings:
 
 
 def diagnose_arm(
-    tree: Tree, record: Record, where: Columns, units: Mapping[str, str], settings: ArmSettings,
+    tree: Tree, record: Record, ends: Sequence[Coordinate], inputs: Sequence[str], settings: ArmSettings,
     tell: Callable[[str], None] = lambda words: None,
 ) -> ArmDiagnosis:  # fmt: skip
     """Attribute what the declared arm's torques lack.
 
     Args:
-        tree: the arm as declared; the joint `tree.joints[j]` has the record's input `record.inputs[where.torque[j]]`.
+        tree: the arm as declared.
         record: traces with positions (velocities too, if measured) and torques.
-        units: unit of each joint's force.
+        ends: the coordinate of each joint of the tree; inputs: the torque of each.
 
     Raises:
         UserError: a position that is not measured, too few traces.
     """
-    every = motions(record, where)
+    every = motions(record, ends, inputs)
     tell(f"{len(every)} traces, smoothed below {every[0].low_pass.cut:.3g} Hz")
     base, rest = base_parameters(tree), rest_speeds(every)
-    inputs = [record.inputs[k] for k in where.torque]
     keys = keys_of(tree, base, inputs, settings.payloads)
     part = part_of(every, tree, base, settings.payloads, rest, settings.known)
     names = [m.trace for m in every]
@@ -74,43 +74,38 @@ def diagnose_arm(
     fit, judge = folds.fit, folds.choose
     weights, correlated = _weights(fit, len(keys))
     tell(f"{len(base.kept)} combinations of inertial parameters, {len(TERMS)} effects of each joint")
-    chosen = None if weighed else choose(keys, fit, judge, weights, correlated, settings.most, tree.size)
-    g = (
-        open_gains(fit, shared, weights, correlated)
-        if chosen is None
-        else lone_gains(keys, inputs, fit, judge, weights, correlated, settings.most, chosen.bic)
-    )
-    without_gains = chosen, fit, judge, weights, correlated
+    known, most, drives = fit.beside(judge), settings.most, None
+    g: Floats | None
+    if weighed:
+        g = open_gains(fit, shared, weights, correlated)
+    else:
+        chosen = choose(keys, fit, judge, weights, correlated, most, tree.size)
+        g = lone_gains(keys, inputs, fit, judge, weights, correlated, most, chosen.bic)
     if g is not None:  # gains first: with wrong ones no choice among the rest is right
-        scales = _weights(scaled(fit, g, shared), len(keys))
-        right = choose(keys, scaled(fit, g, shared), scaled(judge, g, shared), *scales, settings.most, tree.size)
+        fit, judge = scaled(fit, g, shared), scaled(judge, g, shared)
+        scales = _weights(fit, len(keys))
+        right = choose(keys, fit, judge, *scales, most, tree.size)
+        # other bodies beside gains: nothing tells the one from the other, but for a known mass
         if weighed or not any(keys[k].effect == INERTIAL for k in right.active):
-            fit, judge = scaled(fit, g, shared), scaled(judge, g, shared)
+            active, theta, _ = _settled(keys, fit.beside(judge), scales[0], right.active)
+            right = replace(right, active=active)
+            among = [j for j in range(tree.size) if weighed or g[j] != 1.0]
+            drives = gains(known, active, [k for k in active if k in shared], theta, *scales, among)
+        if weighed or drives is not None:  # else what was chosen beside them goes with them
             chosen, (weights, correlated) = right, scales
-        else:  # other bodies beside the gains: nothing tells the one from the other
-            g = None
-    assert chosen is not None
-    active, theta, errors = _settled(keys, fit.beside(judge), weights, chosen.active)
-    known, drives = folds.fit.beside(folds.choose), None
-    if g is not None:
-        among = [j for j in range(tree.size) if weighed or g[j] != 1.0]
-        drives = gains(known, active, [k for k in active if k in shared], theta, weights, correlated, among)
-        if drives is None and without_gains[0] is not None:  # what was chosen beside them goes with them
-            chosen, fit, judge, weights, correlated = without_gains
-            assert chosen is not None
-            active, theta, errors = _settled(keys, fit.beside(judge), weights, chosen.active)
     if drives is not None:
         known = scaled(known, drives.g, shared)
         said = said if weighed else (*said, SAID)
-    active, theta, errors = _settled(keys, known, weights, active)
+    active, theta, errors = _settled(keys, known, weights, chosen.active)
     if drives is not None:
         errors[shared] = drives.of_columns[shared]  # of a mass: with the gains open too
-    noise = _noise(record, where, every[0].low_pass.noise_gain)
+    noise = _noise(record, inputs, every[0].low_pass.noise_gain)
     used, bodies = _of_bodies(tree, base, keys, known, weights, correlated, active, theta, errors)
     found = Found(
         keys, base, active, theta, errors, chosen.gains, correlated, noise, used, bodies, drives, shared, faults,
         silent, said,
     )  # fmt: skip
+    units = {c.name: c.force_unit for c in ends}
     return answer(tree, found, folds, names, inputs, units, settings.payloads, every[0].low_pass.cut)
 
 
@@ -177,7 +172,7 @@ def _of_bodies(
         rest.remove(min(doubtful, key=lambda k: doubtful[k]))
 
 
-def _noise(record: Record, where: Columns, gain: float) -> Floats:
+def _noise(record: Record, inputs: Sequence[str], gain: float) -> Floats:
     """(n,) what white noise of the torques leaves behind the filter."""
     swapped = tuple(Trace(t.name, t.t, t.u, t.u[:, :0]) for t in record.traces)
-    return gain * noise_floor(Record(swapped, record.inputs, ()))[list(where.torque)]
+    return gain * noise_floor(Record(swapped, record.inputs, ()))[[record.inputs.index(n) for n in inputs]]

@@ -15,21 +15,10 @@ from simgap.arrays import Floats
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.thresholds import AT_REST, BAND, SELDOM
 from simgap.errors import UserError
+from simgap.model.symbolic import Coordinate
 
 _OF_THE_RATE = 0.2  # the cut is at most this share of the sampling rate, so that central differences are derivatives
 _STILL = 1e-2  # a trace whose joints never exceed this speed, rad/s or m/s, is at rest: what moves is noise
-
-
-@dataclass(frozen=True)
-class Columns:
-    """Where a record has each joint's position and velocity among `measured`, and its torque among `inputs`.
-
-    A velocity that was not measured is None: it is the derivative of the position.
-    """
-
-    position: tuple[int, ...]
-    velocity: tuple[int | None, ...]
-    torque: tuple[int, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +29,7 @@ class Motion:
         trace: its name.
         t: (N,) s; q, v, a, torque: (N, n) smooth.
         used: (N,) rows away from the ends, where the filter sees both sides, thinned to what the cut leaves.
-        smooth: the filter, along axis 0.
+        low_pass: the filter.
     """
 
     trace: str
@@ -52,14 +41,10 @@ class Motion:
     used: np.ndarray
     low_pass: Filter
 
-    def smooth(self, x: Floats) -> Floats:
-        """The same low pass on something else of this trace, (N, ...)."""
-        return self.low_pass(x)
-
 
 @dataclass(frozen=True, eq=False)
 class Filter:
-    """A Butterworth low pass of fourth order, forwards and backwards, at `cut` Hz of samples at `rate` Hz."""
+    """A Butterworth low pass of fourth order, forwards and backwards along axis 0, at `cut` Hz of `rate` Hz."""
 
     cut: float
     rate: float
@@ -80,31 +65,22 @@ class Filter:
         return float(np.linalg.norm(self(pulse)))
 
 
-def columns_of(positions: Sequence[str], velocities: Sequence[str], torques: Sequence[str], record: Record) -> Columns:
-    """The columns of the joints' positions, velocities and torques.
-
-    Raises:
-        UserError: a position that was not measured.
-    """
-    for name in positions:
-        if name not in record.measured:
-            raise UserError(f"the position '{name}' is not measured", remedy="An arm's diagnosis needs every position.")
-    measured = list(record.measured)
-    return Columns(
-        tuple(measured.index(n) for n in positions),
-        tuple(measured.index(n) if n in measured else None for n in velocities),
-        tuple(record.inputs.index(n) for n in torques),
-    )
-
-
-def motions(record: Record, where: Columns) -> tuple[Motion, ...]:
+def motions(record: Record, ends: Sequence[Coordinate], torques: Sequence[str]) -> tuple[Motion, ...]:
     """Every trace, with one low pass for all: its cut is `BAND` times the frequency below which the motion lies.
 
+    Args:
+        ends: the coordinate of each joint; torques: the input of each.
+
     Raises:
-        UserError: nothing moves.
+        UserError: a position that was not measured; nothing moves.
     """
+    for c in ends:
+        if c.position not in record.measured:
+            raise UserError(
+                f"the position '{c.position}' is not measured", remedy="An arm's diagnosis needs every position."
+            )
     rate = 1.0 / float(np.median(np.concatenate([np.diff(t.t) for t in record.traces])))
-    raw = [_even(trace, where, rate) for trace in record.traces]
+    raw = [_even(record, trace, ends, torques, rate) for trace in record.traces]
     band = max(_band(v, rate) for _, _, v, _ in raw)
     if not band > 0.0:
         raise UserError(
@@ -122,16 +98,16 @@ def rest_speeds(every: Sequence[Motion]) -> Floats:
     return np.maximum(AT_REST * fastest, 1e-9)
 
 
-def _even(trace: Trace, where: Columns, rate: float) -> tuple[Floats, Floats, Floats, Floats]:
+def _even(
+    record: Record, trace: Trace, ends: Sequence[Coordinate], torques: Sequence[str], rate: float
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Stamps, positions, velocities and torques; a velocity that was not measured is the derivative of the position."""
     t = np.arange(trace.t[0], trace.t[-1], 1.0 / rate)
-
-    def on_grid(block: Floats, k: int) -> Floats:
-        return np.interp(t, trace.t, block[:, k])
-
-    q = np.stack([on_grid(trace.y, k) for k in where.position], axis=1)
+    columns = zip((*record.measured, *record.inputs), (*trace.y.T, *trace.u.T), strict=True)
+    grid = {name: np.interp(t, trace.t, column) for name, column in columns}
+    q, u = (np.stack([grid[n] for n in names], axis=1) for names in ([c.position for c in ends], torques))
     slopes = np.gradient(q, 1.0 / rate, axis=0)
-    v = np.stack([slopes[:, j] if k is None else on_grid(trace.y, k) for j, k in enumerate(where.velocity)], axis=1)
-    return t, q, v, np.stack([on_grid(trace.u, k) for k in where.torque], axis=1)
+    return t, q, np.stack([grid.get(c.velocity, slopes[:, j]) for j, c in enumerate(ends)], axis=1), u
 
 
 def _band(v: Floats, rate: float) -> float:

@@ -16,38 +16,19 @@ from simgap.diagnosis.arms.inertia import BaseParameters, independent
 from simgap.diagnosis.arms.motion import Motion
 from simgap.diagnosis.record.folds import SEVERAL_TRACES, Windows, split_folds
 from simgap.diagnosis.thresholds import MATTERS
+from simgap.effects import effect
 from simgap.errors import UserError
 from simgap.model.tree import PARAMETERS, Tree, regressor
 
-Column = Callable[[Floats, Floats, Floats], Floats]
-
-
-@dataclass(frozen=True)
-class Term:
-    """An effect with one number that enters linearly.
-
-    Attributes:
-        effect, symbol: as in the library; of_input: whether it is on the joint's input, else on the joint.
-        column: (velocity, direction, acceleration), (N,) each -> (N,) torque for a parameter of 1; direction is the
-            sign of the velocity, and between -1 and 1 at rest.
-    """
-
-    effect: str
-    symbol: str
-    of_input: bool
-    column: Column
-
-
-TERMS: Mapping[str, Term] = {
-    t.effect: t
-    for t in (
-        Term("viscous_friction", "b", False, lambda v, way, a: v),
-        Term("coulomb_friction", "F_c", False, lambda v, way, a: way),
-        Term("quadratic_drag", "c", False, lambda v, way, a: v * np.abs(v)),
-        Term("reflected_inertia", "I", False, lambda v, way, a: a),
-        Term("input_bias", "bias", True, lambda v, way, a: -np.ones_like(v)),
-    )
+TERMS: Mapping[str, Callable[[Floats, Floats, Floats], Floats]] = {
+    "viscous_friction": lambda v, way, a: v,
+    "coulomb_friction": lambda v, way, a: way,
+    "quadratic_drag": lambda v, way, a: v * np.abs(v),
+    "reflected_inertia": lambda v, way, a: a,
+    "input_bias": lambda v, way, a: -np.ones_like(v),
 }
+"""Effects with one number that enters linearly: (velocity, direction, acceleration), (N,) each -> (N,) torque for a
+parameter of 1; direction is the sign of the velocity, and between -1 and 1 at rest."""
 
 
 INERTIAL, PAYLOAD = "inertial_parameters", "payload"
@@ -108,7 +89,8 @@ def keys_of(tree: Tree, base: BaseParameters, inputs: Sequence[str], payloads: S
     """What each column is: combinations of inertial parameters, terms of each joint, payloads."""
     found = [Key(INERTIAL, link, name) for link, name in zip(base.links, base.names, strict=True)]
     for j, joint in enumerate(tree.joints):
-        found += [Key(t.effect, inputs[j] if t.of_input else joint, t.symbol) for t in TERMS.values()]
+        for e in map(effect, TERMS):
+            found.append(Key(e.name, inputs[j] if e.kind == "input" else joint, e.parameters[0].symbol))
     for p in payloads:
         found += [Key(PAYLOAD, p.link, PARAMETERS[k]) for k in payload_columns(tree, p)]
     return tuple(found)
@@ -135,13 +117,13 @@ def part_of(
     xs, ys, lives, times, torques = [], [], [], [], []
     traces: list[Ints] = []
     for m in motions:
-        whole = m.smooth(regressor(tree, m.q, m.v, m.a))[m.used]
-        felt = m.smooth(m.a)  # as in the regressor: an inertia of bodies and of a rotor are compared alike
-        way = m.smooth(np.clip(m.v / (MATTERS * rest), -1.0, 1.0))
+        whole = m.low_pass(regressor(tree, m.q, m.v, m.a))[m.used]
+        felt = m.low_pass(m.a)  # as in the regressor: an inertia of bodies and of a rotor are compared alike
+        way = m.low_pass(np.clip(m.v / (MATTERS * rest), -1.0, 1.0))
         terms = np.zeros((*m.q.shape, tree.size, len(TERMS)))
         for j in range(tree.size):
-            for k, term in enumerate(TERMS.values()):
-                terms[:, j, j, k] = term.column(m.v[:, j], way[:, j], felt[:, j])
+            for k, column in enumerate(TERMS.values()):
+                terms[:, j, j, k] = column(m.v[:, j], way[:, j], felt[:, j])
         rows = terms[m.used].reshape(len(whole), tree.size, -1)
         weight, carried = _payloads(whole, tree, payloads, m.trace)
         torque = m.torque[m.used] * known.get("input_gain", np.ones(tree.size))

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.diagnosis.arms.fit import correlation_rows, solve, standard_errors
+from simgap.diagnosis.arms.fit import correlation_rows, solve, spread, standard_errors
 from simgap.diagnosis.arms.problem import TERMS, Part
 from simgap.diagnosis.record.faults.columns import ConstantColumn, SwappedColumns, WrongSign
 from simgap.diagnosis.result import RecordingFault
@@ -24,15 +24,15 @@ _TAKEN_OUT = "Nothing is fitted to that."
 
 @dataclass(frozen=True)
 class _Line:
-    """A torque over a model's: slope, its standard error, viscous and dry friction with theirs, what is left (RMS).
+    """A torque over a model's, regressed on that beside friction and a bias.
 
     Attributes:
+        theta, errors: (4,) slope, viscous and dry friction, bias, and their standard errors.
         left, at_one, without: RMS of what is left; at a slope of 1; without the model's torque.
     """
 
-    slope: float
-    error: float
-    friction: tuple[tuple[float, float], ...]
+    theta: Floats
+    errors: Floats
     left: float
     at_one: float
     without: float
@@ -45,7 +45,13 @@ class _Line:
     @property
     def is_scaled(self) -> bool:
         """Whether the torque is another multiple of the model's, which explains most of what a multiple of 1 leaves."""
-        return self.slope > 0.0 and self.left**2 < MATTERS * self.at_one**2
+        return bool(self.theta[0] > 0.0) and self.left**2 < MATTERS * self.at_one**2
+
+    @property
+    def is_reversed(self) -> bool:
+        """Whether it follows the model's with the other sign, and no friction would have to push."""
+        slope, *friction = self.theta[:3] + SURE * self.errors[:3] * [1.0, -1.0, -1.0]
+        return self.tells and slope < 0.0 and max(friction) <= 0.0
 
 
 def faulty_columns(
@@ -76,12 +82,11 @@ def faulty_columns(
         if better > j or not both:
             faults.append(_swapped(inputs[j], inputs[better], both))
     for j in sorted(set(own) - out):
-        pushes = any(value > SURE * error for value, error in own[j].friction)
-        if own[j].tells and own[j].slope + SURE * own[j].error < 0.0 and not pushes:
+        if own[j].is_reversed:
             sentence = f"The column of {inputs[j]} has the wrong sign. {_TAKEN_OUT}"
-            faults.append(WrongSign().told(inputs[j], own[j].slope, sentence))
+            faults.append(WrongSign().told(inputs[j], float(own[j].theta[0]), sentence))
             out.add(j)
-    said = tuple(_scaled(inputs[j], own[j].slope) for j in sorted(set(own) - out) if own[j].is_scaled)
+    said = tuple(_scaled(inputs[j], float(own[j].theta[0])) for j in sorted(set(own) - out) if own[j].is_scaled)
     return tuple(faults), tuple(sorted(out)), said
 
 
@@ -98,9 +103,9 @@ def _other(part: Part, first: int, j: int, own: _Line, others: Sequence[int]) ->
     fits = {
         k: line.left
         for k, line in lines.items()
-        if line.tells and 1.0 / PLAUSIBLE_RATIO < line.slope < PLAUSIBLE_RATIO and line.left**2 < MATTERS * own.left**2
+        if line.tells and 1 / PLAUSIBLE_RATIO < line.theta[0] < PLAUSIBLE_RATIO and line.left**2 < MATTERS * own.left**2
     }
-    return min(fits, key=lambda k: fits[k]) if fits else None
+    return min(fits, key=lambda k: fits[k], default=None)
 
 
 def _line(part: Part, first: int, j: int, model: int) -> _Line:
@@ -115,20 +120,7 @@ def _line(part: Part, first: int, j: int, model: int) -> _Line:
     found, bare = solve(gram, right, range(4), 4), solve(gram, right, range(1, 4), 4)
     one = solve(gram, right - gram[:, 0], range(1, 4), 4).theta + np.array([1.0, 0.0, 0.0, 0.0])
     errors = standard_errors(rows, found, np.ones(1), correlation_rows(rows, found.theta))
-    friction = tuple((float(found.theta[k]), float(errors[k])) for k in (1, 2))
-    return _Line(
-        float(found.theta[0]),
-        float(errors[0]),
-        friction,
-        _left(rows, found.theta),
-        _left(rows, one),
-        _left(rows, bare.theta),
-    )
-
-
-def _left(rows: Part, theta: Floats) -> float:
-    left = rows.live * (rows.y - rows.x @ theta)
-    return float(np.sqrt((left**2).sum() / max(float(rows.live.sum()), 1.0)))
+    return _Line(found.theta, errors, *(float(spread(rows, theta)[0]) for theta in (found.theta, one, bare.theta)))
 
 
 def _scaled(name: str, slope: float) -> str:

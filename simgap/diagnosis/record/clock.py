@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgap.arrays import Bools, Floats, Ints
+from simgap.config.measured import Mask
 from simgap.diagnosis.record.channels import RawTable, unwrap
 from simgap.diagnosis.record.record import MIN_SAMPLES
 from simgap.errors import UserError, placed
@@ -19,19 +20,9 @@ _SHORTER = ("ms", "us", "ns")
 """Units that loggers write, from the longest."""
 
 
-@dataclass(frozen=True)
-class TimeRange:
-    """A stretch [lo, hi] of a file's time (s) to keep or to drop; `file` and `trace` None mean any."""
-
-    lo: float
-    hi: float
-    keep: bool
-    file: str | None = None
-    trace: str | None = None
-
-    def concerns(self, file: str, trace: str | None) -> bool:
-        """Whether it is about this trace of this file."""
-        return (self.file is None or same_file(self.file, file)) and (self.trace is None or self.trace == trace)
+def concerning(masks: Sequence[Mask], file: str, trace: str | None) -> list[Mask]:
+    """The masks that are about a trace of a file."""
+    return [m for m in masks if (m.file is None or same_file(m.file, file)) and m.trace in (None, trace)]
 
 
 def same_file(wanted: str, file: str) -> bool:
@@ -49,7 +40,7 @@ def seconds(table: RawTable, unit: str | None) -> tuple[Floats, float]:
     Raises:
         UserError: if the unit is not one of time.
     """
-    with placed(file=table.file, key="measured.time.unit", remedy="Use s, ms, us or ns."):
+    with placed(file=None if unit else table.file, key="measured.time.unit", remedy="Use s, ms, us or ns."):
         factor = conversion(unit or table.time_unit or "s", "s").factor
     first = table.time[0]
     start = float(first) * factor
@@ -125,16 +116,11 @@ def merge_repeats(t: Floats, columns: Floats) -> tuple[Floats, Floats, int]:
     return t[first], np.add.reduceat(columns, first, axis=0) / counts[:, None], int(t.size - first.size)
 
 
-def kept(t: Floats, ranges: Sequence[TimeRange]) -> Bools:
-    """Which stamps the ranges leave: (n,) s -> (n,), inside some `keep` (if there is one) and outside every `drop`."""
-    keeps = [r for r in ranges if r.keep]
-    inside = np.zeros(t.size, dtype=bool) if keeps else np.ones(t.size, dtype=bool)
-    for r in keeps:
-        inside |= (t >= r.lo) & (t <= r.hi)
-    for r in ranges:
-        if not r.keep:
-            inside &= ~((t >= r.lo) & (t <= r.hi))
-    return inside
+def kept(t: Floats, masks: Sequence[Mask]) -> Bools:
+    """Which stamps the masks leave: (n,) s -> (n,), inside some `keep` (if there is one) and outside every `drop`."""
+    keeps, drops = ([r for m in masks if (r := getattr(m, side)) is not None] for side in ("keep", "drop"))
+    inside, outside = (np.any([(t >= lo) & (t <= hi) for lo, hi in each], axis=0) for each in (keeps, drops))
+    return np.broadcast_to((inside | (not keeps)) & ~outside, t.shape)
 
 
 def gap_limit(intervals: Floats) -> float:
@@ -176,7 +162,7 @@ def split(
     t: Floats,
     block: Floats,
     turns: Mapping[int, tuple[float, bool | None]],
-    ranges: Sequence[TimeRange],
+    masks: Sequence[Mask],
     gap_s: float | None,
     window_s: float,
 ) -> Split:
@@ -186,7 +172,7 @@ def split(
         t: (n,) stamps in s, not decreasing.
         block: (n, m) channels.
         turns: for the columns that may be wrapped: a full turn, and whether they are (None: the data decide).
-        ranges: stretches to keep or to drop.
+        masks: stretches to keep or to drop.
         gap_s: a longer interval (s) ends a piece; None: `gap_limit` of the intervals.
         window_s: shortest piece (s).
     """
@@ -194,7 +180,7 @@ def split(
         return Split((), samples=min(t.size, 1), short_pieces=1, short_rows=int(t.size))
     block, unwrapped = _unwrapped(t, block, turns)  # before repeats are averaged: a mean across a wrap is neither side
     t, block, repeated = merge_repeats(t, block)
-    inside = kept(t, ranges)
+    inside = kept(t, masks)
     steps = np.diff(t)
     limit = gap_limit(steps) if gap_s is None else gap_s
     out, short = [], []

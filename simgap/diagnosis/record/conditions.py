@@ -6,11 +6,12 @@ files, and what one condition alone cannot tell is separated by the others. Noth
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from simgap.config.measured import Condition
 from simgap.diagnosis.record.channels import Channel, RawTable, convert
 from simgap.diagnosis.record.clock import same_file
 from simgap.diagnosis.record.record import Record
@@ -19,14 +20,6 @@ from simgap.errors import UserError
 from simgap.model.symbolic import SymbolicModel, Variable
 
 _KEY = "measured.conditions"
-
-
-@dataclass(frozen=True)
-class Known:
-    """What is known of one file: parameter -> value, in the unit of the parameter."""
-
-    file: str
-    values: Mapping[str, float]
 
 
 def conditioned(model: SymbolicModel, names: Sequence[str]) -> SymbolicModel:
@@ -72,7 +65,7 @@ def told_by_columns(table: RawTable, channels: Sequence[Channel]) -> dict[str | 
 
 
 def under_conditions(
-    reading: Reading, model: SymbolicModel, conditions: Sequence[Known]
+    reading: Reading, model: SymbolicModel, conditions: Sequence[Condition]
 ) -> tuple[Record, tuple[str, ...]]:
     """The record with a column for each parameter that differs, and their names; what a file does not say is declared.
 

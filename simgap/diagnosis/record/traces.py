@@ -1,4 +1,4 @@
-"""From the columns of recordings to traces in the model's units: `(tables, channels, options) -> Reading`.
+"""From the columns of recordings to traces in the model's units: `(tables, channels, section) -> Reading`.
 
 Nothing is resampled: true intervals are kept. Repeated stamps are merged, gaps and masks split a trace, pieces shorter
 than a window are dropped, and every one of these is counted.
@@ -12,32 +12,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from simgap.arrays import Ints
+from simgap.config.measured import MeasuredSection
 from simgap.diagnosis.record.channels import Channel, RawTable, convert, measured_states
-from simgap.diagnosis.record.clock import Split, TimeRange, check_forward, check_interval, same_file, seconds, split
+from simgap.diagnosis.record.clock import Split, check_forward, check_interval, concerning, same_file, seconds, split
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.errors import UserError
-
-
-@dataclass(frozen=True)
-class ReadingOptions:
-    """What the case says about its recordings.
-
-    Attributes:
-        window_s: length of a window (s); shorter pieces are dropped.
-        time_unit: unit of the stamps; None: what the file says, else s.
-        gap_s: an interval beyond which a trace is split (s); None: five times the one that 95 % of samples keep.
-        ranges: stretches to keep or to drop.
-        held_files, held_traces: what is never fitted to.
-        strict: whether these must be among the data; else those that are not are passed over with a warning.
-    """
-
-    window_s: float
-    time_unit: str | None = None
-    gap_s: float | None = None
-    ranges: tuple[TimeRange, ...] = ()
-    held_files: tuple[str, ...] = ()
-    held_traces: tuple[str, ...] = ()
-    strict: bool = True
 
 
 @dataclass(frozen=True)
@@ -76,13 +55,16 @@ class Reading:
     conditions: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
-def read_traces(tables: Sequence[RawTable], channels: Sequence[Channel], options: ReadingOptions) -> Reading:
+def read_traces(
+    tables: Sequence[RawTable], channels: Sequence[Channel], section: MeasuredSection, strict: bool = True
+) -> Reading:
     """The record that the tables hold.
 
     Args:
         tables: one per file.
         channels: the states, then the inputs, in the model's order.
-        options: masks, gaps, window, held-out data.
+        section: masks, gaps, window, held-out data.
+        strict: whether held-out data must be among these; else those that are not are passed over with a warning.
 
     Raises:
         UserError: for a file without a state, an input that is missing, time running backwards, stamps too far apart,
@@ -103,20 +85,20 @@ def read_traces(tables: Sequence[RawTable], channels: Sequence[Channel], options
     notes: list[FileNotes] = []
     origins: dict[str, tuple[str, str | None]] = {}
     for table, name in zip(tables, names, strict=True):
-        own, note, labels = _file_traces(table, name, used, len(measured), options)
+        own, note, labels = _file_traces(table, name, used, len(measured), section)
         traces += own
         notes.append(note)
         origins |= {t.name: (table.file, label) for t, label in zip(own, labels, strict=True)}
     if not traces:
-        raise _nothing_left(notes, options)
+        raise _nothing_left(notes, section)
     record = Record(tuple(traces), measured, inputs)
-    held = _held_out(origins, options)
+    held = _held_out(origins, section, strict)
     warnings = [
         *(f"{t.file}: {note}" for t in tables for note in t.notes),
         *_warnings(notes),
         *_uncommon(tables, found, measured),
     ]
-    if not held and (options.held_files or options.held_traces):
+    if not held and (section.held_out.files or section.held_out.traces):
         warnings.append(
             "the data held out by the case are not among these (or are all of them): a share of these is held out"
         )
@@ -124,23 +106,23 @@ def read_traces(tables: Sequence[RawTable], channels: Sequence[Channel], options
 
 
 def _file_traces(
-    table: RawTable, name: str, used: Sequence[Channel], k: int, options: ReadingOptions
+    table: RawTable, name: str, used: Sequence[Channel], k: int, section: MeasuredSection
 ) -> tuple[list[Trace], FileNotes, list[str | None]]:
     """Traces of one file; the first `k` of the used channels are states."""
     if table.rows < 2:
         raise UserError("has one row", file=table.file, remedy="Give a recording that lasts at least one window.")
     converted = convert(table, used)
-    t, epoch = seconds(table, options.time_unit)
+    t, epoch = seconds(table, section.time.unit)
     traces: list[Trace] = []
     labels: list[str | None] = []
     parts: list[Split] = []
     for label, rows in by_label(table):
         check_forward(t[rows], rows, table.file, label)
-        check_interval(t[rows], options.window_s, options.time_unit or table.time_unit, table.file)
+        check_interval(t[rows], section.window_s, section.time.unit or table.time_unit, table.file)
         block = np.stack([converted.values[c.name][rows] for c in used], axis=1)
         turns = {j: converted.turns[c.name] for j, c in enumerate(used) if c.name in converted.turns}
-        ranges = [r for r in options.ranges if r.concerns(table.file, label)]
-        part = split(t[rows], block, turns, ranges, options.gap_s, options.window_s)
+        masks = concerning(section.masks, table.file, label)
+        part = split(t[rows], block, turns, masks, section.time.gap_s, section.window_s)
         base = name if label is None else f"{name}:{label}"
         for i, (stamps, values) in enumerate(part.pieces):
             piece = base if i == 0 else f"{base}#{i + 1}"
@@ -191,11 +173,11 @@ def _unique_names(files: Sequence[str]) -> list[str]:
     raise UserError("is given twice", file=twice, remedy="Give each recording once.")
 
 
-def _nothing_left(notes: Sequence[FileNotes], options: ReadingOptions) -> UserError:
+def _nothing_left(notes: Sequence[FileNotes], section: MeasuredSection) -> UserError:
     masked = sum(n.masked for n in notes)
     cut = f", after {masked} rows were masked" if masked else ""
     return UserError(
-        f"no trace is as long as a window of {options.window_s:g} s"
+        f"no trace is as long as a window of {section.window_s:g} s"
         f" ({sum(n.short_pieces for n in notes)} shorter pieces dropped{cut})",
         file=notes[0].file,
         key="measured.window_s",
@@ -203,17 +185,17 @@ def _nothing_left(notes: Sequence[FileNotes], options: ReadingOptions) -> UserEr
     )
 
 
-def _held_out(origins: Mapping[str, tuple[str, str | None]], options: ReadingOptions) -> tuple[str, ...]:
+def _held_out(origins: Mapping[str, tuple[str, str | None]], section: MeasuredSection, strict: bool) -> tuple[str, ...]:
     """Names of the traces that the case holds out.
 
     Raises:
         UserError: if it names a file or trace that is not among the data, or if nothing is left to fit.
     """
     chosen: set[str] = set()
-    for key, wanted in (("files", options.held_files), ("traces", options.held_traces)):
+    for key, wanted in (("files", section.held_out.files), ("traces", section.held_out.traces)):
         for w in wanted:
             hits = {n for n, (f, label) in origins.items() if (same_file(w, f) if key == "files" else w in (label, n))}
-            if not hits and not options.strict:
+            if not hits and not strict:
                 continue
             if not hits:
                 raise UserError(
@@ -223,7 +205,7 @@ def _held_out(origins: Mapping[str, tuple[str, str | None]], options: ReadingOpt
                 )
             chosen |= hits
     if chosen and chosen == set(origins):
-        if not options.strict:
+        if not strict:
             return ()
         raise UserError("holds out every trace", key="measured.held_out", remedy="Leave at least one trace to fit to.")
     return tuple(n for n in origins if n in chosen)

@@ -12,6 +12,7 @@ follow the input, is it taken for noise.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -93,12 +94,12 @@ def _law(
         a = np.exp(-dt / np.exp(z[2]))
         return np.asarray(np.exp(z[0]) + np.exp(z[1]) * (1 - a * a) / np.abs(1 - a * np.exp(-1j * turn)) ** 2)
 
-    def falling(order: int) -> Law:
-        return lambda z: np.exp(z[0]) + np.exp(z[1]) / (1.0 + (turn / dt * np.exp(z[2])) ** 2) ** order
+    def falling(z: Floats, order: int) -> Floats:
+        return np.asarray(np.exp(z[0]) + np.exp(z[1]) / (1.0 + (turn / dt * np.exp(z[2])) ** 2) ** order)
 
     white = float(np.log(np.mean(power)) + 1.0) * len(power) * worth
     loss, z = _best(remembering, power, worth, 0.3 * dt, dt)
-    force = min(_best(falling(order), power, worth, 0.5 / motion, dt)[0] for order in falls)
+    force = min(_best(partial(falling, order=p), power, worth, 0.5 / motion, dt)[0] for p in falls)
     if white - loss < BIC_GAIN or force - loss < BIC_GAIN:
         return None
     total = float(np.exp(z[0]) + np.exp(z[1]))

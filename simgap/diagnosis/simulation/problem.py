@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections import OrderedDict
+from collections import defaultdict
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import TypeVar
+from functools import cached_property, partial
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -29,31 +30,24 @@ _LARGE = 1e9
 _TURN = 0.6  # of a step, rad, where a motor swings against its link
 
 
-class Recent(OrderedDict[bytes, T]):
-    """The last few values that were asked for: a pass over chunks of windows asks for the same ones again."""
-
-    def __setitem__(self, key: bytes, value: T) -> None:
-        super().__setitem__(key, value)
-        while len(self) > _REMEMBERED:
-            self.popitem(last=False)
-
-
-@dataclass(eq=False)
 class Memo:
-    """What belongs to the record and a few parameters, and is made once.
+    """What belongs to the record and a few parameters, and is made once: the last few values of each kind.
 
-    Attributes:
-        drives: the inputs under the last parameter vectors.
-        speeds: how the coordinates moved before the windows, for effects that remember it.
-        links: place and speed of those with a motor behind them; twists: of the motors against these.
-        memories: what effects that remember the motion hold at every stamp.
+    A pass over chunks of windows asks for the same ones again.
     """
 
-    drives: Recent[Drive] = field(default_factory=Recent)
-    speeds: Floats | None = None
-    links: dict[int, tuple[Floats, Floats]] = field(default_factory=dict)
-    twists: Recent[Floats] = field(default_factory=Recent)
-    memories: Recent[Floats] = field(default_factory=Recent)
+    def __init__(self) -> None:
+        self._kinds = defaultdict[str, dict[bytes, Any]](dict)
+
+    def kept(self, kind: str, key: bytes, make: Callable[[], T]) -> T:
+        """The value of a kind and key, made where it is not among the last few."""
+        values = self._kinds[kind]
+        if key not in values:
+            values[key] = make()
+            if len(values) > _REMEMBERED:
+                del values[next(iter(values))]
+        found: T = values[key]
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,38 +199,32 @@ class Problem:
 
     def _speeds(self) -> Floats:
         """Measured speed between the stamps of each coordinate that an effect remembers, (n, h); kept."""
-        if self.memo.speeds is None:
-            on = [self.model.model.coordinate(c.on) for c in self.model.remembered]
-            self.memo.speeds = measured_speeds(on, self.model.measured, self.t, self.y, self.firsts)
-        return self.memo.speeds
+        on = [self.model.model.coordinate(c.on) for c in self.model.remembered]
+        make = partial(measured_speeds, on, self.model.measured, self.t, self.y, self.firsts)
+        return self.memo.kept("speeds", b"", make)
 
     def _memories(self, theta: Floats) -> Floats:
         """The effects' own states at every stamp, (n, h); kept for the last few of their numbers."""
-        key, kept = theta[list(self.model.past_slots)].tobytes(), self.memo.memories
-        if key not in kept:
-            kept[key] = memories(self.model, theta, self.t, self._speeds(), self.firsts)
-        return kept[key]
+        key = theta[list(self.model.past_slots)].tobytes()
+        make = partial(memories, self.model, theta, self.t, self._speeds(), self.firsts)
+        return self.memo.kept("memories", key, make)
 
     def _twists(self, k: int, theta: Floats) -> Floats:
         """Twist and its rate of a motor against its link at every stamp, (n, 2); kept for the last few laws."""
-        train, memo = self.model.trains[k], self.memo
-        key = b"%d" % k + theta[[*train.slots, *self.model.input_slots]].tobytes()
-        if key not in memo.twists:
-            law = np.array(train.numbers(theta), dtype=np.float64)
-            out = np.zeros((len(self.t), 2))
-            if train.quick(theta) > 0.0:
-                if k not in memo.links:
-                    memo.links[k] = measured_link(
-                        self.model.model.coordinate(train.on), self.model.measured, self.t, self.y, self.firsts
-                    )
-                q, v = memo.links[k]
-                felt = self._felt(theta, train.inputs)
-                if train.read_at_motor(theta):
-                    out = twists_by_torque(self.t, v, felt, law, self.firsts)
-                else:
-                    twists(self.t, q, v, felt, law[:-1], self.firsts, out)
-            memo.twists[key] = out
-        return memo.twists[key]
+        slots = [*self.model.trains[k].slots, *self.model.input_slots]
+        return self.memo.kept(f"twists of {k}", theta[slots].tobytes(), partial(self._make_twists, k, theta))
+
+    def _make_twists(self, k: int, theta: Floats) -> Floats:
+        train, out = self.model.trains[k], np.zeros((len(self.t), 2))
+        if train.quick(theta) > 0.0:
+            on, law = self.model.model.coordinate(train.on), np.array(train.numbers(theta), dtype=np.float64)
+            make = partial(measured_link, on, self.model.measured, self.t, self.y, self.firsts)
+            q, v = self.memo.kept(f"link of {k}", b"", make)
+            felt = self._felt(theta, train.inputs)
+            if train.read_at_motor(theta):
+                return twists_by_torque(self.t, v, felt, law, self.firsts)
+            twists(self.t, q, v, felt, law[:-1], self.firsts, out)
+        return out
 
     def _felt(self, theta: Floats, inputs: tuple[int, ...]) -> Floats:
         """The sum of some inputs as the plant feels it at each stamp, (n,)."""
@@ -299,9 +287,7 @@ class Problem:
     def _drive(self, theta: Floats) -> Drive:
         """Level, excess, delay and lag of the inputs; kept while the parameters of the inputs stay the same."""
         key = theta[list(self.model.input_slots)].tobytes()
-        if key not in self.memo.drives:
-            self.memo.drives[key] = self._make_drive(theta)
-        return self.memo.drives[key]
+        return self.memo.kept("drives", key, partial(self._make_drive, theta))
 
     def _make_drive(self, theta: Floats) -> Drive:
         level = np.empty_like(self.u)

@@ -131,23 +131,17 @@ def _split(fitted: Sizes, fresh: Sizes, level: float, velocity: str, below: floa
     return Split(velocity, below, at_rest, in_motion, own, least) if np.any(at_rest > in_motion) else None
 
 
-@dataclass(frozen=True, eq=False)
-class Left:
-    """What transitions leave: signed residuals (n, k), each column in a unit of its own size; the run (n,) and the
-    number of the step since its begin (n,) at which each stands; held_out: (n,) which were never fitted."""
+def pieces(residual: Floats, run: Ints, step: Ints, held_out: Bools) -> tuple[Ints, bool]:
+    """The piece (n,) that each transition belongs to, and whether that is its run, because runs differ.
 
-    residual: Floats
-    run: Ints
-    step: Ints
-    held_out: Bools
-
-
-def pieces(left: Left) -> tuple[Ints, bool]:
-    """The piece (n,) that each transition belongs to, and whether that is its run, because runs differ."""
-    score = np.abs(left.residual).max(axis=1)
-    length = max(memory(x, left.run, left.step) for x in (*left.residual.T, score))
-    block = _blocks(left, length)
-    return (left.run, True) if _differ(score, left.run, block) else (block, False)
+    Args:
+        residual: (n, k) signed, each column in a unit of its own size.
+        run: (n,) of each; step: (n,) how many steps since the begin of the run.
+        held_out: (n,) which were never fitted.
+    """
+    score = np.abs(residual).max(axis=1)
+    block = _blocks(run, step, held_out, max(memory(x, run, step) for x in (*residual.T, score)))
+    return (run, True) if _differ(score, run, block) else (block, False)
 
 
 def memory(x: Floats, run: Ints, step: Ints) -> float:
@@ -174,17 +168,17 @@ def memory(x: Floats, run: Ints, step: Ints) -> float:
     return float(max(1.0, 2.0 * pairs[:positive].sum() - 1.0, (1.0 + first) / (1.0 - first)))
 
 
-def _blocks(left: Left, length: float) -> Ints:
+def _blocks(run: Ints, step: Ints, held_out: Bools, length: float) -> Ints:
     """Stretches of each run that are at least `length` steps long, or that many steps from the next."""
-    block, count = np.zeros(len(left.run), dtype=np.int64), 0
-    for run in np.unique(left.run):
-        for held_out in (False, True):
-            own = np.flatnonzero((left.run == run) & (left.held_out == held_out))
-            own = own[np.argsort(left.step[own], kind="stable")]
-            for part in np.split(own, np.flatnonzero(np.diff(left.step[own]) >= length) + 1) if len(own) else ():
-                n = max(1, int(len(part) // length))
-                block[part] = count + np.arange(len(part)) * n // len(part)
-                count += n
+    block, count = np.zeros(len(run), dtype=np.int64), 0
+    sides = 2 * np.unique(run, return_inverse=True)[1] + held_out
+    for side in np.unique(sides):
+        own = np.flatnonzero(sides == side)
+        own = own[np.argsort(step[own], kind="stable")]
+        for part in np.split(own, np.flatnonzero(np.diff(step[own]) >= length) + 1):
+            n = max(1, int(len(part) // length))
+            block[part] = count + np.arange(len(part)) * n // len(part)
+            count += n
     return block
 
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from simgap.arrays import Floats, Ints
 from simgap.diagnosis.result import WindowPrediction
-from simgap.diagnosis.verdict.conformal_bound import Left, NearRest, Sizes, bound, pieces, slow_and_fast
+from simgap.diagnosis.verdict.conformal_bound import NearRest, Sizes, bound, pieces, slow_and_fast
 from simgap.diagnosis.verdict.process_noise import bound_forces
 from simgap.diagnosis.verdict.transitions import Transitions, force_ratio, held, seen, transitions, within
 from simgap.model.symbolic import SymbolicModel
@@ -109,12 +109,12 @@ def bound_remainder(
     Returns:
         None if nothing was held out, or no held-out window is longer than a step and begins in X.
     """
-    known = seen(windows, sigma, models[1])
-    kept, fitted = ([w for w in known.windows if w.held_out is out] for out in (True, False))
+    whole, noise = seen(windows, sigma, models[1])
+    kept, fitted = ([w for w in whole if w.held_out is out] for out in (True, False))
     if not kept:
         return None
     step = max(tau, float(np.median(np.concatenate([np.diff(w.t) for w in kept]))))
-    names, bounds = list(known.sigma), []
+    names, bounds, estimated = list(noise), [], {n: s for n, s in noise.items() if n not in sigma}
     for model, late in zip(models, ({}, shifts), strict=True):
         parts = [within(transitions(ws, names, models[1], late, step), models[1], X or {}) for ws in (fitted, kept)]
         if not len(parts[1].start):
@@ -132,14 +132,13 @@ def bound_remainder(
     confidence = max(attained(last.pieces, level) - (1.0 - level if below else 0.0), 0.0) if finite else 0.0
     statement = _statement(level, confidence, last, step, missing, below) if finite else _too_few(last.count, level)
     one_step = {
-        "before": first.rms, "after": last.rms, "noise_floor": {n: math.sqrt(2.0) * s for n, s in known.sigma.items()}
+        "before": first.rms, "after": last.rms, "noise_floor": {n: math.sqrt(2.0) * s for n, s in noise.items()}
     }  # fmt: skip
     return Remainder(
         step, level, last.count, confidence, last.pieces, last.by_run, last.runs,
         _least(first.by, forces[0]), _least(last.by, forces[1]), last.by,
         _rest_beside(first, forces[0]), rest := _rest_beside(last, forces[1]),
-        last.inside, {n: known.sigma[n] for n in known.estimated},
-        missing, statement + _derived(known.estimated) + _near_rest(rest, confidence), one_step,
+        last.inside, estimated, missing, statement + _derived(list(estimated)) + _near_rest(rest, confidence), one_step,
     )  # fmt: skip
 
 
@@ -196,7 +195,7 @@ def _pieces(parts: tuple[Transitions, Transitions], residuals: Sequence[Floats])
     begin = np.full(run.max() + 1, np.inf)
     np.minimum.at(begin, run, at)
     step = np.rint((at - begin[run]) / parts[1].seconds).astype(np.int64)
-    piece, by_run = pieces(Left(whole / np.where(size > 0.0, size, 1.0), run, step, held_out))
+    piece, by_run = pieces(whole / np.where(size > 0.0, size, 1.0), run, step, held_out)
     return piece[held_out], by_run
 
 

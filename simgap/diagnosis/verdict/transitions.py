@@ -49,22 +49,10 @@ class Transitions:
     at: Floats
 
 
-@dataclass(frozen=True, eq=False)
-class Seen:
-    """Windows and the states that are known in them.
-
-    Attributes:
-        windows: neighbouring ones of a trace as one; `measured` has a column for each state here.
-        sigma: state -> noise, in the order of the columns; estimated: those that were derived from positions.
-    """
-
-    windows: tuple[WindowPrediction, ...]
-    sigma: Mapping[str, float]
-    estimated: tuple[str, ...]
-
-
-def seen(windows: Sequence[WindowPrediction], sigma: Mapping[str, float], model: SymbolicModel) -> Seen:
-    """The windows laid together, with the velocities of coordinates whose position alone was measured.
+def seen(
+    windows: Sequence[WindowPrediction], sigma: Mapping[str, float], model: SymbolicModel
+) -> tuple[list[WindowPrediction], dict[str, float]]:
+    """The windows laid together, with the velocities of coordinates whose position alone was measured; and the noise.
 
     Args:
         sigma: noise of each measured state, in the order of the columns; model: has the coordinates.
@@ -73,14 +61,14 @@ def seen(windows: Sequence[WindowPrediction], sigma: Mapping[str, float], model:
     missing = {c.velocity: c.position for c in model.coordinates if c.velocity not in sigma and c.position in sigma}
     steps = [np.diff(w.t) for w in whole]
     if not missing or not steps:
-        return Seen(tuple(whole), dict(sigma), ())
+        return whole, dict(sigma)
     dt = float(np.median(np.concatenate(steps)))
     size = max(_FEWEST, 2 * round(0.5 * _SPAN_S / dt) + 1)
     through = float(np.linalg.norm(savgol_coeffs(size, _ORDER, deriv=1, delta=dt)))
     more = {velocity: through * sigma[position] for velocity, position in missing.items()}
     columns = [list(sigma).index(position) for position in missing.values()]
     long = [_with_velocities(w, columns, size, dt) for w in whole if len(w.t) > 2 * size]
-    return Seen(tuple(long), dict(sigma) | more, tuple(missing))
+    return long, dict(sigma) | more
 
 
 def transitions(

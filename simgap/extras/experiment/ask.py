@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -105,14 +104,10 @@ FACTOR = 1.5
 class Remedy:
     """What to do, and how sure one will then be."""
 
-    sentence: str
     kind: str
     name: str
-    sure: float
-
-    def plain(self) -> dict[str, str | float]:
-        """As JSON takes it."""
-        return {"kind": self.kind, "name": self.name, "sentence": self.sentence, "probability": self.sure}
+    sentence: str
+    probability: float
 
 
 def settable(model: SymbolicModel, sets: Sequence[Sequence[AppliedEffect]]) -> Iterator[tuple[str, float]]:
@@ -125,22 +120,15 @@ def settable(model: SymbolicModel, sets: Sequence[Sequence[AppliedEffect]]) -> I
             yield name, FACTOR * value
 
 
-def best_remedy(options: Sequence[tuple[str, str, str, Callable[[], float]]], wanted: float) -> Remedy | None:
-    """The first option that makes one as sure as wanted, else the best above even odds; (kind, name, words, sure)."""
+def best_remedy(options: Iterable[Remedy], wanted: float) -> Remedy | None:
+    """The first option that makes one as sure as wanted, else the best above even odds."""
     best: Remedy | None = None
-    for kind, name, words, ask in options:
-        found = Remedy(words, kind, name, ask())
-        if best is None or found.sure > best.sure:
+    for found in options:
+        if best is None or found.probability > best.probability:
             best = found
-        if found.sure >= wanted:
+        if found.probability >= wanted:
             break
-    return best if best is not None and best.sure > 0.5 else None
-
-
-def set_words(name: str, value: float, unit: str) -> str:
-    """What to mount."""
-    size = f"{number(value)} {pretty_unit(unit)}".strip()
-    return f"set {name} to a known value, such as {size} (weigh or measure it), and say so under measured.conditions"
+    return best if best is not None and best.probability > 0.5 else None
 
 
 WANTED = 1.0 - MATTERS
@@ -226,7 +214,7 @@ def ask(question: Question, rng: np.random.Generator, tell: Callable[[str], None
         tell("no input is enough: looking for a weight or a sensor that is")
         asked = {k for pair in proposal.alike() for k in pair} or set(range(len(known.rivals)))
         left = replace(question, t=bench.t, sets=tuple(s for k, s in enumerate(question.sets) if k in asked))
-        remedy = best_remedy(_options(left, proposal.best.u, rng), ENOUGH)
+        remedy = best_remedy(_remedies(left, proposal.best.u, rng), ENOUGH)
     return Advice(known, proposal, bench, remedy, longest)
 
 
@@ -250,20 +238,15 @@ def _shorter(
     return shortest(len(question.t), halves(len(question.t)), at)
 
 
-Option = tuple[str, str, str, Callable[[], float]]
-
-
-def _options(question: Question, u: Floats, rng: np.random.Generator) -> list[Option]:
+def _remedies(question: Question, u: Floats, rng: np.random.Generator) -> Iterator[Remedy]:
     """Numbers of the plant to set, then states to read."""
-    found: list[Option] = []
     for name, value in settable(question.model, question.sets):
-        words = set_words(name, value, question.model.parameters[name].unit)
-        found.append(("condition", name, words, partial(_set, question, name, value, rng)))
+        size = f"{number(value)} {pretty_unit(question.model.parameters[name].unit)}".strip()
+        words = f"set {name} to a known value, such as {size} (weigh or measure it), and say so under"
+        yield Remedy("condition", name, f"{words} measured.conditions", _set(question, name, value, rng))
     for name in question.model.state_names:
         if name not in question.record.measured:
-            words = f"measure {name} too"
-            found.append(("sensor", name, words, partial(_read, question, name, u, rng)))
-    return found
+            yield Remedy("sensor", name, f"measure {name} too", _read(question, name, u, rng))
 
 
 def _set(question: Question, name: str, value: float, rng: np.random.Generator) -> float:

@@ -22,14 +22,14 @@ from simgap.arrays import Bools, Floats
 from simgap.diagnosis.record.folds import Windows
 from simgap.diagnosis.record.noise import weights
 from simgap.diagnosis.record.record import Record, Trace
-from simgap.diagnosis.result import DiagnosisSettings, Key
+from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import parts_of
 from simgap.diagnosis.simulation.problem import Problem, build_problem
-from simgap.diagnosis.simulation.sensitivity import choose_step, linearise, slot_direction, with_values
+from simgap.diagnosis.simulation.sensitivity import Linearised, choose_step, linearise, slot_direction, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate, SuperModel
 from simgap.diagnosis.thresholds import BIC_GAIN
 from simgap.effects import EFFECTS, AppliedEffect
@@ -110,20 +110,22 @@ class Bench:
 
     def parts(self, states: Floats, readings: Floats, u: Floats, other: Rival) -> float:
         """D(A, B) of a rival A that moved like this and another one, in units of what the best explanation leaves."""
-        problem, x0 = self.recorded(states, readings, u)
-        directions = [slot_direction(problem, other.theta, k, h) for k, h in zip(other.slots, other.steps, strict=True)]
-        linear = linearise(problem, other.theta, x0, directions)
-        gram = linear.gram + other.information
+        linear, gram = self._linearised(states, readings, u, other)
         step = np.linalg.pinv(gram, rcond=1e-12, hermitian=True) @ linear.gradient
         left = linear.rest - 2.0 * float(linear.gradient @ step) + float(step @ gram @ step)
         return max(left, 0.0) / self.excess
 
     def errors(self, states: Floats, readings: Floats, u: Floats, own: Rival) -> Floats:
         """(p,) standard errors of a rival's own parameters after such a recording, with those at hand."""
-        problem, x0 = self.recorded(states, readings, u)
-        directions = [slot_direction(problem, own.theta, k, h) for k, h in zip(own.slots, own.steps, strict=True)]
-        gram = linearise(problem, own.theta, x0, directions).gram + own.information
+        _, gram = self._linearised(states, readings, u, own)
         return np.asarray(np.sqrt(np.diag(np.linalg.pinv(gram, hermitian=True)) * self.excess))
+
+    def _linearised(self, states: Floats, readings: Floats, u: Floats, of: Rival) -> tuple[Linearised, Floats]:
+        """The recording to come around a rival, and its normal matrix with what is at hand."""
+        problem, x0 = self.recorded(states, readings, u)
+        directions = [slot_direction(problem, of.theta, k, h) for k, h in zip(of.slots, of.steps, strict=True)]
+        linear = linearise(problem, of.theta, x0, directions)
+        return linear, linear.gram + of.information
 
     def recorded(self, states: Floats, readings: Floats, u: Floats, whole: bool = False) -> tuple[Problem, Floats]:
         """The recording to come, without noise, in windows that tell (or all), and the states (w, nx) they begin at."""
@@ -131,12 +133,10 @@ class Bench:
         return self._problem(u, readings, windows), np.ascontiguousarray(states[windows.start])
 
     def _problem(self, u: Floats, y: Floats, windows: Windows) -> Problem:
-        record = Record((self._trace(u, y),), self.model.measured, self.model.model.input_names)
+        trace = Trace("next", self.t, y, np.ascontiguousarray(u))
+        record = Record((trace,), self.model.measured, self.model.model.input_names)
         worth = weights(y, self.steps, self.shared) if np.any(self.steps > 0.0) else None
         return replace(build_problem(self.model, record, windows, self.sigma, worth), h_max=self.h_max)
-
-    def _trace(self, u: Floats, y: Floats) -> Trace:
-        return Trace("next", self.t, y, np.ascontiguousarray(u))
 
 
 def margins(d: Floats, rivals: Sequence[Rival], bench: Bench) -> Floats:
@@ -224,11 +224,6 @@ def members(model: SuperModel, effects: Explained) -> tuple[Candidate, ...]:
 def label(model: SuperModel, effects: Explained) -> str:
     """A set in words, without numbers."""
     return joined([c.effect.phrase(c.on) for c in members(model, effects)]) if effects else "the model as declared"
-
-
-def keys(effects: Explained) -> frozenset[Key]:
-    """Names and targets."""
-    return frozenset((a.name, a.on) for a in effects)
 
 
 def _fitted(problem: Problem, effects: Explained) -> tuple[Rival, float]:

@@ -79,7 +79,7 @@ def _certainty(advice: Advice) -> str:
     )
     if advice.remedy is None:
         return f"{text} They act alike on what is measured here; take whichever is simpler to correct."
-    return f"{text} Instead {advice.remedy.sentence}: then the probability is {_percent(advice.remedy.sure)}."
+    return f"{text} Instead {advice.remedy.sentence}: then the probability is {_percent(advice.remedy.probability)}."
 
 
 def _besides_them(advice: Advice) -> str:
@@ -121,7 +121,7 @@ def _besides(advice: Advice) -> str:
     """What tells those apart that no input does."""
     if advice.remedy is None:
         return ": take whichever is simpler to correct"
-    return f"; to separate these, {advice.remedy.sentence} (probability {_percent(advice.remedy.sure)})"
+    return f"; to separate these, {advice.remedy.sentence} (probability {_percent(advice.remedy.probability)})"
 
 
 def _intervals(advice: Advice) -> str:

@@ -8,9 +8,8 @@ from pathlib import Path
 
 from simgap.config.measured import ColumnMap, MeasuredSection
 from simgap.diagnosis.record.channels import Channel, column_words, measured_columns
-from simgap.diagnosis.record.clock import TimeRange
 from simgap.diagnosis.record.conditions import told_by_columns
-from simgap.diagnosis.record.traces import Reading, ReadingOptions, read_traces
+from simgap.diagnosis.record.traces import Reading, read_traces
 from simgap.errors import UserError, placed
 from simgap.io.recordings.tables import read_recording
 from simgap.model.symbolic import SymbolicModel
@@ -47,7 +46,7 @@ def load_reading(
             read_recording(path, wanted, section.time.column, section.trace_column, relative(path, relative_to))
             for path in paths
         ]
-        reading = read_traces(tables, channels, reading_options(section, strict))
+        reading = read_traces(tables, channels, section, strict)
         for t in tables if conditions else ():
             measured_columns(t.file, t.header, t.units, (*channels, *conditions))  # refuses what a file lacks
         conditions_held = {(t.file, label): v for t in tables for label, v in told_by_columns(t, conditions).items()}
@@ -151,28 +150,3 @@ def _number(value: float | str, key: str, case: str | None) -> float:
 
     with placed(file=case, key=key, remedy="Write a number, or one like -pi/2."):
         return float(parse(value, ()))
-
-
-def reading_options(section: MeasuredSection, strict: bool = True) -> ReadingOptions:
-    """The plain options behind the section.
-
-    Raises:
-        UserError: for stamps in a unit that is not one of time.
-    """
-    if section.time.unit is not None:
-        with placed(key="measured.time.unit", remedy="Use s, ms, us or ns."):
-            conversion(section.time.unit, "s")
-    ranges = []
-    for mask in section.masks:
-        span = mask.keep if mask.keep is not None else mask.drop
-        if span is not None:
-            ranges.append(TimeRange(span[0], span[1], mask.keep is not None, mask.file, mask.trace))
-    return ReadingOptions(
-        window_s=section.window_s,
-        time_unit=section.time.unit,
-        gap_s=section.time.gap_s,
-        ranges=tuple(ranges),
-        held_files=section.held_out.files,
-        held_traces=section.held_out.traces,
-        strict=strict,
-    )

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from simgap.diagnosis.arms.answer import ArmDiagnosis, Prediction
+from simgap.diagnosis.arms.answer import ArmDiagnosis
+from simgap.diagnosis.result import WindowPrediction
 from simgap.io import figure_style as style
 from simgap.notation import axis_label
 
 
-def torque_figure(p: Prediction, inputs: Sequence[str], units: Mapping[str, str]) -> Any:
+def torque_figure(p: WindowPrediction, inputs: Sequence[str], units: Mapping[str, str]) -> Any:
     """Torques of one trace: measured, of the model as declared and as corrected, one panel a joint."""
     import matplotlib.pyplot as plt
 
