@@ -100,8 +100,17 @@ def _listed(search: Search, chosen: Explanation, spanned: set[Key]) -> list[Riva
             continue
         kept.append(e)
         same = e.fit.chi2 - chosen.fit.chi2 < EQUIVALENT_CHI2 * search.scale and e.count == chosen.count
-        found.append(Rival(e, same and e.keys <= spanned | chosen.keys))
+        found.append(Rival(e, same and (e.keys <= spanned | chosen.keys or _spans(search, e, chosen))))
     return sorted(found, key=lambda r: r.explanation.bic)
+
+
+def _spans(search: Search, other: Explanation, chosen: Explanation) -> bool:
+    """Whether the chosen effects lie in the span of another set's: one with a kink has no direction away from its null.
+
+    On a command of one sign a dead zone is a bias."""
+    span = _Span.around(search, other)
+    inside = {c.key for n, (c, _) in enumerate(span.joining, span.own) if span.holds(range(span.own), n)}
+    return chosen.keys <= inside | other.keys
 
 
 _Set = tuple[tuple[Candidate, ...], list[int]]
