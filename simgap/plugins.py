@@ -24,7 +24,7 @@ from simgap.errors import UserError, excerpt
 _EFFECTS = (
     "parameter_error", "gravity_tilt", "wheel_mismatch", "lateral_slip", "rolling_resistance", "viscous_friction",
     "coulomb_friction", "stribeck_friction", "quadratic_drag", "spring", "cubic_spring", "cogging", "sensor_offset",
-    "input_lag", "input_saturation", "input_bias", "input_dead_zone", "input_gain", "input_delay", "reflected_inertia",
+    "input_lag", "input_saturation", "input_dead_zone", "input_bias", "input_gain", "input_delay", "reflected_inertia",
     "constant_force", "directional_friction", "dahl_friction", "lugre_friction", "load_friction",
     "input_directional_gain", "torque_speed_limit", "sensor_gain", "input_curve", "force_curve", "payload",
     "joint_elasticity", "elasticity_behind_encoder", "backlash",

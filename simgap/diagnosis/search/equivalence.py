@@ -54,8 +54,9 @@ def rivals(search: Search, chosen: Explanation) -> list[Rival]:
     null, seen = search.problem.model.null, _Span.around(search, chosen)
     inside = seen.only([j for j in range(seen.own, len(seen.size)) if seen.holds(range(seen.own), j)])
     sets = [(inside, *each) for each in _other_sets(chosen, inside)]
-    for span, members, columns in [*sets, *((seen, *each) for each in _simpler(chosen, seen, null))]:
-        theta = _begun(chosen, null, span, members, columns)
+    simpler = [(seen, *each) for each in _simpler(chosen, seen, null)] if search.reached(chosen) else []
+    for span, members, columns in [*sets, *simpler]:
+        theta = _begun(chosen, null, span, members, columns if search.reached(chosen) else [])
         search.explain(members, theta, chosen.fit, again=True)  # an earlier start may have ended elsewhere
     return _listed(search, chosen, {c.key for c, _ in inside.joining})
 
@@ -207,9 +208,9 @@ def _away(chosen: Explanation, columns: list[int], null: Floats) -> Floats:
 def _begun(
     chosen: Explanation, null: Floats, span: _Span, members: tuple[Candidate, ...], columns: list[int]
 ) -> Floats:
-    """Start of a set (q,): what is gone at its null, the others where they predict the same, to first order."""
+    """Start of a set (q,): what is gone at its null, its columns where they predict the same, to first order."""
     slots, theta = chosen.fit.slots, chosen.fit.theta
-    gone = [j for j in range(span.own) if j not in columns]
+    gone = [j for j in range(span.own) if j not in columns] if columns else []
     values = {k: float(null[k]) for c in chosen.members if c not in members for k in c.slots}
     for j, step in zip(columns, span.instead(columns, gone, _away(chosen, gone, null)).tolist(), strict=True):
         if j < span.own:

@@ -1,12 +1,12 @@
 """Is what a model leaves the noise of a sensor that remembers, or the trace of a force?
 
 A force reaches a position through two integrations: whatever it is, what it leaves there falls at least with the fourth
-power of the frequency, from where the motion itself lies upward; what it leaves in a speed, a level or a temperature,
-with the second. Noise that a sensor or its filter makes falls with the second, and meets the white noise of the reading
-where no force could. So laws of the residual's spectrum compete by their likelihood (Whittle (1953), Ark. Mat. 2(5)):
-white noise and noise with the autocorrelation exp(-|t| / tau), against white noise and such a fall that begins within
-twice the motion's frequency. Only where the first wins by far, the windows agree on its size, and the residual does not
-follow the input, is it taken for noise.
+power of the frequency, from where the motion itself lies upward. What it leaves in a level, a temperature, a current, or
+a speed whose position nobody reads falls with the second. Noise that a sensor or its filter makes falls with the second
+too, and meets the white noise of the reading where no force could. So laws of the residual's spectrum compete by their
+likelihood (Whittle (1953), Ark. Mat. 2(5)): white noise and noise with the autocorrelation exp(-|t| / tau), against
+white noise and such a fall that begins within twice the motion's frequency. Only where the first wins by far, the
+windows agree on its size, and the residual does not follow the input, is it taken for noise.
 """
 
 from __future__ import annotations
@@ -40,10 +40,11 @@ def noise_colour(problem: Problem, theta: Floats, x0: Floats) -> tuple[Floats, C
     residual, dt = problem.misses(theta, x0), interval(problem.t)
     k = residual.shape[1]
     size, shared, tau = np.ones(k), np.zeros(k), np.full(k, dt)
-    positions = {c.position for c in problem.model.model.coordinates}
-    for c, name in enumerate(problem.model.measured):
+    read, coordinates = problem.model.measured, problem.model.model.coordinates
+    twice = {n for p in coordinates for n in (p.position, p.velocity) if n == p.position or p.position in read}
+    for c, name in enumerate(read):
         motion = _motion(problem, c) if np.mean(problem.weight[:, c]) > _OWN else 0.0
-        falls = (2, 3) if name in positions else (1, 2, 3)
+        falls = (2, 3) if name in twice else (1, 2, 3)
         law = _law(*_spectrum(problem, residual[:, c]), dt, motion, falls) if motion > 0.0 else None
         if law is not None:
             size[c], shared[c], tau[c] = law
