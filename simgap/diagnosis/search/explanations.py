@@ -187,12 +187,12 @@ class Search:
         """
         reached = (e.fit.chi2 for e in self.tried.values() if e.physical and self.reached(e))
         useless = OUT_OF_SIGHT * min(reached, default=math.inf)
-        steps = choose_steps(self.problem, theta, x0, slots, self.steps)
+        steps = choose_steps(self.problem, theta, x0, slots)
         found = fit(self.problem, theta, x0, slots, steps, useless=useless)
         for _ in range(2):
             if found.chi2 > useless:
                 break
-            again = choose_steps(self.problem, found.theta, found.x0, slots, steps)
+            again = choose_steps(self.problem, found.theta, found.x0, slots)
             if all(0.1 < again[k] / steps[k] < 10.0 for k in slots):
                 break
             steps = again

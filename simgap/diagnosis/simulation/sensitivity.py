@@ -117,17 +117,15 @@ def slot_direction(problem: Problem, theta: Floats, slot: int, step: float) -> D
     return Direction(theta, moved, step)
 
 
-def choose_steps(
-    problem: Problem, theta: Floats, x0: Floats, slots: Iterable[int], near: Mapping[int, float] | None = None
-) -> dict[int, float]:
+def choose_steps(problem: Problem, theta: Floats, x0: Floats, slots: Iterable[int]) -> dict[int, float]:
     """A difference step for each slot, whose response is about `_TARGET_RESPONSE` of the noise: theta (q,), x0 (w, nx).
 
-    Under an effect that jerks it is about `_JERKED_RESPONSE`. One that may do, `near`, is tried first.
+    Under an effect that jerks it is about `_JERKED_RESPONSE`.
     """
     few = np.unique(np.linspace(0, len(problem.windows) - 1, 8).astype(int))
     part, part_x0 = problem.on(problem.windows.pick(few)), x0[few]
     target = _JERKED_RESPONSE if problem.model.jerks(theta) else _TARGET_RESPONSE
-    steps = {slot: (near or {}).get(slot, _FIRST_STEP) for slot in slots}
+    steps = dict.fromkeys(slots, _FIRST_STEP)
     for slot in steps:
         for _ in range(3):
             d = slot_direction(part, theta, slot, steps[slot])
