@@ -28,11 +28,9 @@ SLOPE_SIGNATURE = void(VECTOR, VECTOR, VECTOR, VECTOR, FLAGS, INDICES, VECTOR)
 """(x, u, constants, signs, stuck, speed, xdot out): xdot, the signs of stuck coordinates solved for (in
 place); Gauss-Seidel if several stick at once."""
 SLOPE = types.FunctionType(SLOPE_SIGNATURE)
-STEP_SIGNATURE = void(
-    VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, FLAGS, INDICES, float64, int64, VECTOR, VECTOR, VECTOR
-)
-"""(x, u, u halfway, u at the end, constants, signs, stuck, speed, h, steps, at, rate, v): steps of length h (s), x in
-place; (2 nx,), (nx,) and (m,) to work in."""
+STEP_SIGNATURE = void(VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, float64, int64, VECTOR, VECTOR)
+"""(x, u, u halfway, u at the end, constants, signs, h, steps, at, v): steps of length h (s), x in place; (2 nx,) and
+(m,) to work in."""
 STEP = types.FunctionType(STEP_SIGNATURE)
 _TRANSCENDENTAL = "sin cos tan tanh atan exp log"
 
@@ -158,10 +156,7 @@ def _free(main: Any, rest: Any, nx: int, m: int) -> Any:
     """Classical Runge-Kutta steps while nothing sticks, as nearly all of a search are: the dynamics are inlined."""
 
     @cached_kernel_as(STEP_SIGNATURE)
-    def free(
-        x: Any, u: Any, middle: Any, last: Any, c: Any, s: Any, stuck: Any, speed: Any, h: Any, steps: Any, at: Any,
-        rate: Any, v: Any,
-    ) -> None:  # fmt: skip
+    def free(x: Any, u: Any, middle: Any, last: Any, c: Any, s: Any, h: Any, steps: Any, at: Any, v: Any) -> None:
         gate = c[0] != 0.0
         for _ in range(steps):
             for i in range(nx):

@@ -130,7 +130,7 @@ def simulate(
                         at_once = 1 if rubs else count
                         for i in range(nx):
                             new[i] = x[i]
-                        free(new, u, u, u, theta, s, stuck, speed, h, at_once, at, rate, v)
+                        free(new, u, u, u, theta, s, h, at_once, at, v)
                         h *= at_once
                     else:
                         stepped(slope, free, x, time, h, theta, s, stuck, speed, drive, felt, pad, new)

@@ -74,7 +74,7 @@ def stepped(
     if sticks:
         _held(slope, new, felt, theta, s, stuck, speed, h, at, rate)
     else:
-        free(new, first, middle, last, theta, s, stuck, speed, h, 1, at, rate, v)
+        free(new, first, middle, last, theta, s, h, 1, at, v)
 
 
 @inner
