@@ -27,7 +27,7 @@ from simgap.diagnosis.seek import Searched, begun, ended, looked_again
 from simgap.diagnosis.simulation.parts import Parts, parts_of
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.refit import refit
-from simgap.diagnosis.simulation.sensitivity import choose_step, with_values
+from simgap.diagnosis.simulation.sensitivity import choose_steps, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY, LEAPS_ANYHOW, MOST, NARROW, NEAR
 from simgap.effects import EFFECTS
@@ -258,5 +258,5 @@ def _from_far(search: Search, base: Fit, known: Explanation, near: float | None,
 def _promises(part: Problem, members: tuple[Candidate, ...], theta: Floats, x0: Floats) -> float:
     """What a few steps of a fit on some windows leave, chi^2 for each reading."""
     slots = [k for c in members for p, k in zip(c.effect.parameters, c.slots, strict=True) if not p.integer]
-    steps = {k: choose_step(part, theta, x0, k, 1e-4) for k in slots}
+    steps = choose_steps(part, theta, x0, slots)
     return fit(part, theta, x0, slots, steps, _STEPS, 1).chi2 / part.size

@@ -17,7 +17,7 @@ from simgap.diagnosis.search.equivalence import rivals
 from simgap.diagnosis.search.selection import select
 from simgap.diagnosis.search.watch import Watch
 from simgap.diagnosis.seek import begun
-from simgap.diagnosis.simulation.sensitivity import choose_step, linearise, slot_direction
+from simgap.diagnosis.simulation.sensitivity import choose_steps, linearise, slot_direction
 from simgap.errors import UserError
 from tests.diagnosis.plants import block, one_window, point_pendulum, with_effect
 
@@ -52,7 +52,7 @@ def test_sensitivities_agree_with_the_variational_equations():
     problem, compiled = one_window(point_pendulum(1.0, 0.5, 1.0 / 3.0), t, u, measured=("angle",))
     theta = with_effect(compiled, "viscous_friction", "hinge", b=0.1)
     slot, x0 = compiled.find("viscous_friction", "hinge").slots[0], np.array([[0.5, 0.2]])
-    step = choose_step(replace(problem, sigma=np.array([1e-3])), theta, x0, slot, 1e-4)
+    step = choose_steps(replace(problem, sigma=np.array([1e-3])), theta, x0, [slot])[slot]
     linear = linearise(problem, theta, x0, [slot_direction(problem, theta, slot, step)])
 
     def slope(_: float, z: np.ndarray, torque: float) -> np.ndarray:  # the state, then columns for q0, v0, b

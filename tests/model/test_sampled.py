@@ -164,3 +164,12 @@ def test_numbers_beyond_int64_are_compiled_as_floats():
     x, large = symbol("x"), sp.Integer(16) * 10**72
     found = compile_kernel([large * x / (x + large), sp.Rational(1, 3) * x**2], [[x]])(np.array([2.0]))
     assert found == pytest.approx((2.0, 4.0 / 3.0))
+
+
+def test_symbols_that_stand_before_an_expression_are_what_they_say():
+    x, y, cut, twice = symbol("x"), symbol("y"), sp.Symbol("x0"), sp.Symbol("x1")
+    before = [(cut, sp.Max(-1, sp.Min(x, y))), (twice, 2 * cut)]
+    kernel = compile_kernel([twice + y, cut, sp.Integer(3)], [[x], [y]], before)
+    for a, b in ((3.0, 2.0), (0.5, 2.0), (-4.0, 2.0)):
+        found = max(-1.0, min(a, b))
+        assert kernel(np.array([a]), np.array([b])) == (2.0 * found + b, found, 3.0)

@@ -15,7 +15,7 @@ from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import parts_of
-from simgap.diagnosis.simulation.sensitivity import choose_step, with_values
+from simgap.diagnosis.simulation.sensitivity import choose_steps, with_values
 from simgap.diagnosis.verdict.judge import judge
 from simgap.errors import UserError
 from simgap.io.recordings.measured import load_reading
@@ -124,7 +124,7 @@ def test_a_real_drive_under_four_weights_has_the_gain_that_others_found_and_carr
     slots = {name: compiled.find(name, on).slots[0] for name, (on, _, _) in places.items()}
     start, others = (with_values(compiled.null, {slots[n]: p[k] for n, p in places.items()}) for k in (1, 2))
     x0 = initial_states(problem)
-    steps = {k: choose_step(problem, start, x0, k, 1e-4) for k in slots.values()}
+    steps = choose_steps(problem, start, x0, slots.values())
     ends = fit(problem, start, x0, list(slots.values()), steps)
     assert ends.theta[slots["input_gain"]] == pytest.approx(0.912, rel=0.05)
     declared, mine, theirs = (judge(parts.confirm, th, 0.2) for th in (compiled.null, ends.theta, others))

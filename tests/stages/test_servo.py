@@ -12,7 +12,7 @@ from simgap.diagnosis.result import DiagnosisSettings, WindowPrediction
 from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import parts_of
-from simgap.diagnosis.simulation.sensitivity import choose_step, with_values
+from simgap.diagnosis.simulation.sensitivity import choose_steps, with_values
 from simgap.diagnosis.verdict.remainder import bound_remainder
 from simgap.diagnosis.verdict.transitions import held, seen, transitions, within
 from simgap.effects import AppliedEffect
@@ -60,7 +60,7 @@ def corrected_by_fit(context, record, names, reading):
     slots = {name: problem.model.find(name, "hinge").slots[0] for name in STARTS}
     start = with_values(problem.model.null, {slots[n]: size for n, (_, size) in STARTS.items()})
     x0 = initial_states(problem)
-    steps = {k: choose_step(problem, start, x0, k, 1e-4) for k in slots.values()}
+    steps = choose_steps(problem, start, x0, slots.values())
     ends = fit(problem, start, x0, list(slots.values()), steps)
     return [AppliedEffect(n, "hinge", {STARTS[n][0]: float(ends.theta[slots[n]])}) for n in STARTS]
 

@@ -21,7 +21,7 @@ from simgap.diagnosis.result import RecordingFault
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Memo, Problem
-from simgap.diagnosis.simulation.sensitivity import choose_step
+from simgap.diagnosis.simulation.sensitivity import choose_steps
 from simgap.diagnosis.simulation.step_length import settled
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import MOST, OUT_OF_SIGHT, PLAUSIBLE_RATIO
@@ -158,7 +158,7 @@ def _missed_beside_effects(part: Problem, hopeless: float, far: float = _OWN_GAI
     gains = [c for c in every if c.effect.parameters[0].null == 1.0]
     for free in (every, [c for c in every if c not in gains]):
         slots = [k for c in free for k in c.slots]
-        steps = {k: choose_step(part, at.theta, at.x0, k, 1e-4) for k in slots}
+        steps = choose_steps(part, at.theta, at.x0, slots)
         if np.isfinite(hopeless):
             soon = fit(part, at.theta, at.x0, slots, steps, _FIRST_DESCENTS, rounds=1)
             if not _near_declared(gains, soon, far):

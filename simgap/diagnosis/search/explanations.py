@@ -13,7 +13,7 @@ from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.scoring import Score, Screen, Starts, best_of_each, score, screen
 from simgap.diagnosis.search.watch import Watch
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.simulation.sensitivity import choose_step, with_values
+from simgap.diagnosis.simulation.sensitivity import choose_steps, with_values
 from simgap.diagnosis.simulation.step_length import resolved
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import BIC_GAIN, OUT_OF_SIGHT, WIDTH
@@ -187,12 +187,12 @@ class Search:
         """
         reached = (e.fit.chi2 for e in self.tried.values() if e.physical and self.reached(e))
         useless = OUT_OF_SIGHT * min(reached, default=math.inf)
-        steps = {k: choose_step(self.problem, theta, x0, k, 1e-4) for k in slots}
+        steps = choose_steps(self.problem, theta, x0, slots)
         found = fit(self.problem, theta, x0, slots, steps, useless=useless)
         for _ in range(2):
             if found.chi2 > useless:
                 break
-            again = {k: choose_step(self.problem, found.theta, found.x0, k, 1e-4) for k in slots}
+            again = choose_steps(self.problem, found.theta, found.x0, slots)
             if all(0.1 < again[k] / steps[k] < 10.0 for k in slots):
                 break
             steps = again

@@ -28,11 +28,9 @@ SLOPE_SIGNATURE = void(VECTOR, VECTOR, VECTOR, VECTOR, FLAGS, INDICES, VECTOR)
 """(x, u, constants, signs, stuck, speed, xdot out): xdot, the signs of stuck coordinates solved for (in
 place); Gauss-Seidel if several stick at once."""
 SLOPE = types.FunctionType(SLOPE_SIGNATURE)
-STEP_SIGNATURE = void(
-    VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, FLAGS, INDICES, float64, int64, VECTOR, VECTOR, VECTOR
-)
-"""(x, u, u halfway, u at the end, constants, signs, stuck, speed, h, steps, at, rate, v): steps of length h (s), x in
-place; (2 nx,), (nx,) and (m,) to work in."""
+STEP_SIGNATURE = void(VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, float64, int64, VECTOR)
+"""(x, u, u halfway, u at the end, constants, signs, h, steps, at): steps of length h (s), x in place; (2 nx,) to
+work in."""
 STEP = types.FunctionType(STEP_SIGNATURE)
 _TRANSCENDENTAL = "sin cos tan tanh atan exp log"
 
@@ -114,7 +112,7 @@ def compile_dynamics(plant: SymbolicModel, costly: Costly, theta: tuple[sp.Symbo
     constants = compile_kernel([split[-1], *inner], (theta,))
     slope = _slope(main, rest, nx)
     index = [plant.state_names.index(c.velocity) for c in plant.coordinates]
-    free = _free(main, rest, nx, len(plant.inputs))
+    free = _free(main, rest, nx)
     return Dynamics(slope, free, constants, np.array(index, dtype=np.int64))
 
 
@@ -154,14 +152,11 @@ def _slope(main: Any, rest: Any, nx: int) -> Any:
     return slope
 
 
-def _free(main: Any, rest: Any, nx: int, m: int) -> Any:
+def _free(main: Any, rest: Any, nx: int) -> Any:
     """Classical Runge-Kutta steps while nothing sticks, as nearly all of a search are: the dynamics are inlined."""
 
     @cached_kernel_as(STEP_SIGNATURE)
-    def free(
-        x: Any, u: Any, middle: Any, last: Any, c: Any, s: Any, stuck: Any, speed: Any, h: Any, steps: Any, at: Any,
-        rate: Any, v: Any,
-    ) -> None:  # fmt: skip
+    def free(x: Any, u: Any, middle: Any, last: Any, c: Any, s: Any, h: Any, steps: Any, at: Any) -> None:
         gate = c[0] != 0.0
         for _ in range(steps):
             for i in range(nx):
@@ -169,10 +164,9 @@ def _free(main: Any, rest: Any, nx: int, m: int) -> Any:
             for stage in range(4):
                 weight = 2.0 if stage == 1 or stage == 2 else 1.0
                 ahead = h if stage == 2 else 0.5 * h
-                for j in range(m):
-                    v[j] = u[j] if stage == 0 else last[j] if stage == 3 else middle[j]
-                derivative = main(at, v, c, s)
-                more = rest(at, v, c, s) if gate else derivative
+                felt = u if stage == 0 else last if stage == 3 else middle
+                derivative = main(at, felt, c, s)
+                more = rest(at, felt, c, s) if gate else derivative
                 for i in range(nx):
                     now = derivative[i] + more[i] if gate else derivative[i]
                     at[nx + i] = now if stage == 0 else at[nx + i] + weight * now

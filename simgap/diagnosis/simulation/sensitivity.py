@@ -8,7 +8,7 @@ Pereyra (1973), SIAM J. Numer. Anal. 10(2).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +23,7 @@ _VISIBLE = 1e-14
 states would do. Of an offset of the position of a mass that slides freely 2e-19 was left and less (rounding; positions
 about 0 and about 1000 m), with a spring that swings it once in 15 minutes 3.5e-12 (a record of 10 s): tests/diagnosis/
 test_names.py."""
+_FIRST_STEP, _STEPS = 1e-4, (1e-10, 1e-2)  # of a difference: the one that is tried first, and how far it may go
 _TARGET_RESPONSE = 0.001  # of the noise, root mean square
 _JERKED_RESPONSE = 0.2
 """The same: between kinks slopes are steep. Of 12 fits of play that hardly rebounds 9 settled and 10 intervals held the
@@ -116,24 +117,24 @@ def slot_direction(problem: Problem, theta: Floats, slot: int, step: float) -> D
     return Direction(theta, moved, step)
 
 
-def choose_step(problem: Problem, theta: Floats, x0: Floats, slot: int, guess: float) -> float:
-    """A difference step whose response is about `_TARGET_RESPONSE` of the noise: theta (q,), x0 (w, nx).
+def choose_steps(problem: Problem, theta: Floats, x0: Floats, slots: Iterable[int]) -> dict[int, float]:
+    """A difference step for each slot, whose response is about `_TARGET_RESPONSE` of the noise: theta (q,), x0 (w, nx).
 
     Under an effect that jerks it is about `_JERKED_RESPONSE`.
-
-    It stays within four decades of the guess.
     """
     few = np.unique(np.linspace(0, len(problem.windows) - 1, 8).astype(int))
     part, part_x0 = problem.on(problem.windows.pick(few)), x0[few]
-    step, target = guess, _JERKED_RESPONSE if problem.model.jerks(theta) else _TARGET_RESPONSE
-    for _ in range(3):
-        d = slot_direction(part, theta, slot, step)
-        response = np.abs(part.residuals(d.plus, part_x0) - part.residuals(d.minus, part_x0))
-        size = float(np.sqrt(np.mean(np.minimum(response, 1e6) ** 2)))
-        if size > 0.0 and 0.2 < size / target < 5.0:
-            break
-        step = float(np.clip(step * target / max(size, 1e-12), 1e-6 * guess, 1e2 * guess))
-    return step
+    target = _JERKED_RESPONSE if problem.model.jerks(theta) else _TARGET_RESPONSE
+    steps = dict.fromkeys(slots, _FIRST_STEP)
+    for slot in steps:
+        for _ in range(3):
+            d = slot_direction(part, theta, slot, steps[slot])
+            response = np.abs(part.residuals(d.plus, part_x0) - part.residuals(d.minus, part_x0))
+            size = float(np.sqrt(np.mean(np.minimum(response, 1e6) ** 2)))
+            if size > 0.0 and 0.2 < size / target < 5.0:
+                break
+            steps[slot] = float(np.clip(steps[slot] * target / max(size, 1e-12), *_STEPS))
+    return steps
 
 
 def chunks(problem: Problem) -> Iterator[slice]:

@@ -81,8 +81,7 @@ def simulate(
     slope, free = function_at(SLOPE, slope_at), function_at(STEP, free_at)
     nx, m = x0.shape[1], level.shape[1]
     x, new, u = np.empty(nx), np.empty(nx), np.empty(m)
-    at, rate, v = np.empty(2 * nx), np.empty(nx), np.empty(m)
-    pad = (at, rate, v)
+    pad = (np.empty(2 * nx), np.empty(nx))
     felt = (np.empty(m), np.empty(m), np.empty(m))
     s, held = np.zeros(speed.size), np.zeros(m, dtype=np.int64)
     stuck, active = np.zeros(speed.size, dtype=np.bool_), np.zeros(speed.size, dtype=np.bool_)
@@ -130,7 +129,7 @@ def simulate(
                         at_once = 1 if rubs else count
                         for i in range(nx):
                             new[i] = x[i]
-                        free(new, u, u, u, theta, s, stuck, speed, h, at_once, at, rate, v)
+                        free(new, u, u, u, theta, s, h, at_once, pad[0])
                         h *= at_once
                     else:
                         stepped(slope, free, x, time, h, theta, s, stuck, speed, drive, felt, pad, new)

@@ -68,13 +68,13 @@ def stepped(
     input_at(time + h, drive, last)
     for i in range(x.size):
         new[i] = x[i]
-    (at, rate, v), sticks = pad, False
+    (at, rate), sticks = pad, False
     for j in range(speed.size):
         sticks = sticks or stuck[j]
     if sticks:
         _held(slope, new, felt, theta, s, stuck, speed, h, at, rate)
     else:
-        free(new, first, middle, last, theta, s, stuck, speed, h, 1, at, rate, v)
+        free(new, first, middle, last, theta, s, h, 1, at)
 
 
 @inner

@@ -186,7 +186,7 @@ def build_supermodel(
     for train in trains:
         driven = with_motor(driven, train.on, train.law)
     plant, costly = _insert(driven, candidates, theta)
-    values = model.values()
+    readings = [sp.sympify(plant.outputs.get(n, symbol(n))).subs(model.values()) for n in measured]
     return SuperModel(
         model=model,
         candidates=tuple(candidates),
@@ -196,7 +196,7 @@ def build_supermodel(
         measured=measured,
         dynamics=compile_dynamics(plant, costly, theta),
         static=_rowwise(compile_kernel(*_commands(model, candidates, theta))) if model.inputs else _no_columns,
-        read=_rowwise(compile_kernel(_numeric(_readings(plant, measured), values), (_symbols(plant), theta))),
+        read=_rowwise(compile_kernel(readings, ([v.symbol for v in plant.states], theta))),
         past=_past(candidates, theta),
         trains=trains,
         memory=sp.lambdify([theta], _memory(model, candidates, theta), modules="math"),
@@ -243,18 +243,6 @@ def _commands(
     return list(felt.values()), ([v.symbol for v in model.inputs], theta), steps
 
 
-def _symbols(model: SymbolicModel) -> list[sp.Symbol]:
-    return [v.symbol for v in model.states]
-
-
-def _readings(model: SymbolicModel, measured: tuple[str, ...]) -> list[sp.Expr]:
-    return [sp.sympify(model.outputs.get(n, symbol(n))) for n in measured]
-
-
-def _numeric(exprs: Any, values: dict[sp.Symbol, float]) -> list[sp.Expr]:
-    return [sp.sympify(e).subs(values) for e in exprs]
-
-
 def _memory(model: SymbolicModel, candidates: list[Candidate], theta: tuple[sp.Symbol, ...]) -> list[sp.Expr]:
     """Delay of each input, then lag of each input."""
     delay = {n: sp.sympify(model.delays.get(n, 0)).subs(model.values()) for n in model.input_names}
@@ -269,13 +257,12 @@ def _memory(model: SymbolicModel, candidates: list[Candidate], theta: tuple[sp.S
 
 def _past(candidates: list[Candidate], theta: tuple[sp.Symbol, ...]) -> Any:
     """Rates of the effects' own states over (z, v) of each, and theta."""
-    own = [c for c in candidates if isinstance(c.effect, MemoryForceEffect)]
+    own = [(c, c.effect) for c in candidates if isinstance(c.effect, MemoryForceEffect)]
     z, v = ([symbol(f"{kind}_{k}") for k in range(len(own))] for kind in ("z", "v"))
     rates = []
-    for c, memory, velocity in zip(own, z, v, strict=True):
-        values = {p.symbol: theta[k] for p, k in zip(c.effect.parameters, c.slots, strict=True)}
-        if isinstance(c.effect, MemoryForceEffect):
-            rates.append(c.effect.rate(memory, velocity, values))
+    for (c, effect), memory, velocity in zip(own, z, v, strict=True):
+        values = {p.symbol: theta[k] for p, k in zip(effect.parameters, c.slots, strict=True)}
+        rates.append(effect.rate(memory, velocity, values))
     return sp.lambdify([z, v, theta], rates, modules="numpy") if own else None
 
 

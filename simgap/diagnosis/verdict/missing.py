@@ -203,8 +203,10 @@ def compiled(exprs: Sequence[sp.Expr], names: Sequence[str]) -> Callable[[Sequen
     function = sp.lambdify([symbol(n) for n in names], list(exprs), modules="numpy", cse=True)
 
     def values(arguments: Sequence[Floats]) -> Floats:
-        columns = function(*arguments)
-        return np.stack([np.broadcast_to(np.asarray(v, dtype=np.float64), arguments[0].shape) for v in columns])
+        out = np.empty((len(exprs), *np.shape(arguments[0])))
+        for row, column in zip(out, function(*arguments), strict=True):
+            row[...] = column
+        return out
 
     return values
 

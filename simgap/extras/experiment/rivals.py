@@ -29,7 +29,7 @@ from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import parts_of
 from simgap.diagnosis.simulation.problem import Problem, build_problem
-from simgap.diagnosis.simulation.sensitivity import Linearised, choose_step, linearise, slot_direction, with_values
+from simgap.diagnosis.simulation.sensitivity import Linearised, choose_steps, linearise, slot_direction, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate, SuperModel
 from simgap.diagnosis.thresholds import BIC_GAIN
 from simgap.effects import EFFECTS, AppliedEffect
@@ -236,9 +236,9 @@ def _fitted(problem: Problem, effects: Explained) -> tuple[Rival, float]:
     theta, x0 = with_values(model.null, values), initial_states(problem)
     open_ = [(p, k) for c in chosen for p, k in zip(c.effect.parameters, c.slots, strict=True) if not p.integer]
     slots = tuple(k for _, k in open_)
-    steps = {k: choose_step(problem, theta, x0, k, 1e-4) for k in slots}
+    steps = choose_steps(problem, theta, x0, slots)
     ends = fit(problem, theta, x0, slots, steps, _ROUNDS)
-    steps = {k: choose_step(problem, ends.theta, ends.x0, k, 1e-4) for k in slots}
+    steps = choose_steps(problem, ends.theta, ends.x0, slots)
     directions = [slot_direction(problem, ends.theta, k, steps[k]) for k in slots]
     information = linearise(problem, ends.theta, ends.x0, directions).gram
     count = sum(len(c.slots) for c in chosen)
