@@ -152,10 +152,7 @@ def document(
             "before": _error(found.before),
             "after": _error(found.after),
             "noise_floor": _error(found.floor),
-            "by_trace": {
-                t: {"before": a, "after": b, "after_beyond_friction": found.beyond_friction[t]}
-                for t, (a, b) in found.per_trace.items()
-            },
+            "by_trace": found.by_trace,
         },
         "explained_share": 1.0 - found.excess_share,
         "explained_error": explained_error(found.explained_error),

@@ -13,7 +13,7 @@ import numpy as np
 
 from simgap.arrays import Ints
 from simgap.config.measured import MeasuredSection
-from simgap.diagnosis.record.channels import Channel, RawTable, convert, measured_states
+from simgap.diagnosis.record.channels import Channel, RawTable, convert, measured_columns
 from simgap.diagnosis.record.clock import Split, check_forward, check_interval, concerning, same_file, seconds, split
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.errors import UserError
@@ -70,7 +70,7 @@ def read_traces(
         UserError: for a file without a state, an input that is missing, time running backwards, stamps too far apart,
             a single row, or no piece as long as a window; the message names file, row or key, and the remedy.
     """
-    found = [measured_states(table, channels) for table in tables]
+    found = [measured_columns(table.file, table.header, table.units, channels) for table in tables]
     measured = tuple(c.name for c in channels if all(c.name in names for names in found))
     if not measured:
         raise UserError(
