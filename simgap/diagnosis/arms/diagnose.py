@@ -114,7 +114,7 @@ def _weights(part: Part, size: int) -> tuple[Floats, Floats]:
     weights = 1.0 / np.maximum(spread(part, np.zeros(size)), 1e-12)
     theta = np.zeros(size)
     for _ in range(3):
-        theta = solve(*part.grams(weights), range(size), size).theta
+        theta = solve(*part.grams(weights), range(size))
         weights = 1.0 / np.maximum(spread(part, theta), 1e-12)
     return weights, correlation_rows(part, theta)
 
@@ -125,11 +125,11 @@ def _settled(
     """Coefficients on fit and choose; terms whose 95 % interval holds 0, or of the wrong sign, go one by one."""
     gram, right = known.grams(weights)
     while True:
-        solution = solve(gram, right, active, len(keys))
-        errors = standard_errors(known, solution, weights, correlation_rows(known, solution.theta))
-        doubtful = _doubtful(keys, active, solution.theta, errors)
+        theta = solve(gram, right, active)
+        errors = standard_errors(known, theta, active, weights, correlation_rows(known, theta))
+        doubtful = _doubtful(keys, active, theta, errors)
         if not doubtful:
-            return active, solution.theta, errors
+            return active, theta, errors
         least = min(doubtful, key=lambda k: doubtful[k])
         active = tuple(k for k in active if k != least)
 
@@ -165,7 +165,7 @@ def _of_bodies(
     own = np.zeros(len(keys))
     own[:size] = base.combine @ bodies.inertial.ravel() - declared
     while True:
-        used = own + solve(gram, right - gram @ own, rest, len(keys)).theta
+        used = own + solve(gram, right - gram @ own, rest)
         doubtful = _doubtful(keys, rest, used, errors)
         if not doubtful:
             return used, bodies
