@@ -32,6 +32,7 @@ from simgap.notation import axis_label
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.stages import log
+from simgap.stages.diagnosis import settings_of
 from simgap.stages.gap_inputs import read_result
 
 COLOURS = (style.BLUE, style.VERMILLION, style.GREEN, style.PURPLE, style.ORANGE)
@@ -126,10 +127,7 @@ def _question(
     reading = load_reading(model, section, paths, context.folder, str(context.path), strict=False)
     record, names = under_conditions(reading, model, section.conditions)
     conditions = tuple(dict.fromkeys(tuple(t.u[0, len(model.inputs) :].tolist()) for t in record.traces))
-    settings = DiagnosisSettings(
-        window_s=section.window_s, horizon_s=section.horizon_s, held_out_traces=reading.held_out,
-        held_out_share=section.held_out.fraction, effects=section.effects,
-    )  # fmt: skip
+    settings = settings_of(section, reading)
     record = ready(conditioned(model, names), record, replace(settings, effects=library_names(sets)))[0]
     allowed, middle, reach = _limits(context, record)
     return Question(

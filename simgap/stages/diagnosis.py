@@ -129,7 +129,7 @@ def run(
             log.warning("%s", warning)
         record, names = under_conditions(reading, model, section.conditions)
         tell("searching for what the model lacks")
-        found, mended = diagnose_mended(conditioned(model, names), record, _settings(section, reading), tell)
+        found, mended = diagnose_mended(conditioned(model, names), record, settings_of(section, reading), tell)
         reading = replace(reading, record=mended)
         if (beyond_domain := outside(context, mended)) is not None:
             log.warning("%s", beyond_domain)
@@ -195,7 +195,8 @@ def _paths(context: Context, section: MeasuredSection, data: Sequence[Path]) -> 
     return named_recordings(context.path, section.files)
 
 
-def _settings(section: MeasuredSection, reading: Reading) -> DiagnosisSettings:
+def settings_of(section: MeasuredSection, reading: Reading) -> DiagnosisSettings:
+    """What the case asks of a diagnosis of these recordings."""
     return DiagnosisSettings(
         window_s=section.window_s,
         horizon_s=section.horizon_s,

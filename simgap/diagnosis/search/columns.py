@@ -16,7 +16,7 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.diagnosis.record.faults.columns import SwappedColumns, WrongSign, WrongUnit
-from simgap.diagnosis.record.record import Record, Trace
+from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import RecordingFault
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.simulation.initial import initial_states
@@ -54,16 +54,11 @@ class Columns:
 
     def applied(self, problem: Problem) -> Problem:
         """The problem with the columns as they may really be."""
-        order, y_scale = list(self.y_order), self.y
-        return replace(
-            problem,
-            y=np.ascontiguousarray(problem.y[:, order] * y_scale),
-            u=np.ascontiguousarray(problem.u[:, list(self.u_order)] * self.u),
-            sigma=problem.sigma[order] * np.abs(y_scale),
-            used=np.ascontiguousarray(problem.used[:, order]),
-            weight=np.ascontiguousarray(problem.weight[:, order]),
-            memo=Memo(),
-        )
+        read, put = list(self.y_order), list(self.u_order)
+        own = problem.y[:, read] * self.y, problem.u[:, put] * self.u, problem.used[:, read], problem.weight[:, read]
+        y, u, used, weight = map(np.ascontiguousarray, own)
+        sigma = problem.sigma[read] * np.abs(self.y)
+        return replace(problem, y=y, u=u, sigma=sigma, used=used, weight=weight, memo=Memo())
 
     def beside(self, others: Sequence[Columns]) -> Columns:
         """The same, saying what else would explain the data: of a linear plant inputs and readings scale alike."""
@@ -75,12 +70,11 @@ class Columns:
 
     def of_record(self, record: Record) -> Record:
         """The record with the columns as they really are."""
-        return replace(record, traces=tuple(self._of_trace(trace) for trace in record.traces))
-
-    def _of_trace(self, trace: Trace) -> Trace:
-        used = None if trace.used is None else trace.used[:, list(self.y_order)]
-        y, u = trace.y[:, list(self.y_order)] * self.y, trace.u[:, list(self.u_order)] * self.u
-        return replace(trace, y=y, u=u, used=used)
+        read, put, traces = list(self.y_order), list(self.u_order), []
+        for trace in record.traces:
+            used = None if trace.used is None else trace.used[:, read]
+            traces.append(replace(trace, y=trace.y[:, read] * self.y, u=trace.u[:, put] * self.u, used=used))
+        return replace(record, traces=tuple(traces))
 
 
 def better_columns(problem: Problem) -> Columns | None:

@@ -8,8 +8,9 @@ Pereyra (1973), SIAM J. Numer. Anal. 10(2).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -153,6 +154,17 @@ def state_steps(problem: Problem, x0: Floats) -> Floats:
     return 1e-6 * (0.1 + np.abs(x0).max(axis=0))
 
 
+def state_columns(missed: Callable[[Floats], Floats], x0: Floats, steps: Floats, here: Floats) -> Floats:
+    """What the predictions of windows do with each number of their initial states, (nx, rows, k).
+
+    Args:
+        missed: initial states (w, nx) -> what is missed, (rows, k); here: the same at x0.
+        steps: (nx,) of the differences.
+    """
+    shifts = zip(steps, np.eye(len(steps)), strict=True)
+    return np.stack([(here - missed(x0 + step * unit)) / step for step, unit in shifts])
+
+
 def linearise(problem: Problem, theta: Floats, x0: Floats, directions: Sequence[Direction]) -> Linearised:
     """Residual and columns of all windows, projected: theta, (w, nx), p directions."""
     p, nx, w = len(directions), x0.shape[1], len(problem.windows)
@@ -195,18 +207,14 @@ def _columns(
     problem: Problem, theta: Floats, x0: Floats, directions: Sequence[Direction], steps: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Flat residual (rows k,), parameter columns (rows k, p) and initial-state columns (rows k, nx), over sigma."""
-    centre = problem.residuals(theta, x0).ravel()
-    columns = np.empty((len(centre), len(directions)))
+    here = problem.residuals(theta, x0)
+    centre, columns = here.ravel(), np.empty((here.size, len(directions)))
     for j, d in enumerate(directions):
         high = centre if np.array_equal(d.plus, theta) else problem.residuals(d.plus, x0).ravel()
         low = centre if np.array_equal(d.minus, theta) else problem.residuals(d.minus, x0).ravel()
         columns[:, j] = (low - high) / d.span
-    states = np.empty((len(centre), x0.shape[1]))
-    for i, step in enumerate(steps):
-        shift = np.zeros(x0.shape[1])
-        shift[i] = step
-        states[:, i] = (centre - problem.residuals(theta, x0 + shift).ravel()) / step
-    return centre, columns, states
+    states = state_columns(partial(problem.residuals, theta), x0, steps, here)
+    return centre, columns, np.ascontiguousarray(states.reshape(len(steps), -1).T)
 
 
 def with_values(theta: Floats, values: Mapping[int, float]) -> Floats:
