@@ -133,7 +133,7 @@ def _question(
     return Question(
         conditioned(model, names), record, settings, dict(document["noise"]), sets,
         _stamps(context, record, settings, seconds), _start(context, model.state_names, allowed, start), allowed,
-        middle, reach, conditions, seconds is None, dict(context.units),
+        middle, reach, conditions, seconds is None,
     )  # fmt: skip
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -147,7 +147,6 @@ class Question:
         t: (n,) s of the recording to come; start: (nx,); allowed: states; middle, reach: (m,) of the inputs.
         brief: whether a shorter recording may do.
         conditions: rows of known conditions under which there are recordings; one empty row without any.
-        units: of states and inputs.
     """
 
     model: SymbolicModel
@@ -162,7 +161,6 @@ class Question:
     reach: Floats
     conditions: tuple[tuple[float, ...], ...] = ((),)
     brief: bool = True
-    units: Mapping[str, str] = field(default_factory=dict)
 
     def model_unit(self, name: str) -> str:
         """Unit of an input of the model, known conditions among them."""
