@@ -27,7 +27,6 @@ from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import MOST, OUT_OF_SIGHT, PLAUSIBLE_RATIO
 from simgap.notation import joined
 
-_WINDOWS = 8
 _OWN_GAIN = np.sqrt(2.0 * np.pi)  # half the way, as a ratio, to the nearest other unit: turns for radians
 _DESCENTS = 10  # linearisations of a fit that need not settle
 _FIRST_DESCENTS, _HOPELESS = 3, 20.0  # after so many, what misses by so many times what may be missed is given up
@@ -84,8 +83,7 @@ def better_columns(problem: Problem) -> Columns | None:
     tried once more with friction, biases and gains that are free, those out of sight aside. Small inputs and large
     readings take the plant out of sight: such a factor must also do better than one that leaves nothing of it.
     """
-    few = np.unique(np.linspace(0, len(problem.windows) - 1, _WINDOWS).astype(int))
-    part = problem.on(problem.windows.pick(few))
+    part, _ = problem.some()
     bar = _missed(part, np.inf)
     if bar < OUT_OF_SIGHT:
         return None

@@ -11,7 +11,7 @@ from simgap.arrays import Floats
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import Key
 from simgap.diagnosis.search.fit import Fit
-from simgap.diagnosis.simulation.problem import Problem
+from simgap.diagnosis.simulation.problem import Problem, interval
 from simgap.diagnosis.simulation.sensitivity import Direction, linearise, promised, slot_direction, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.effects import EFFECTS
@@ -47,23 +47,23 @@ class Starts:
 def list_starts(problem: Problem, barred: Collection[Key] = ()) -> Starts:
     """The starts of every candidate that is not barred, at the scales of this record."""
     model = problem.model.model
-    interval = float(np.median(np.diff(problem.t)[np.diff(problem.t) > 0]))
+    spacing = interval(problem.t)
     commands = dict(zip(model.input_names, np.abs(problem.u).max(axis=0), strict=True))
     items, wheels = [], problem.model.model.wheels
     for c in problem.model.candidates:
         if c.key in barred:
             continue
-        scales = Scales(interval)
+        scales = Scales(spacing)
         if c.effect.kind == "input":
             moved = drives(model, c.on)
             speed = _speed(problem, moved) if moved is not None else 1.0
-            scales = Scales(interval, command=float(commands[c.on]) or 1.0, speed=speed)
+            scales = Scales(spacing, command=float(commands[c.on]) or 1.0, speed=speed)
         elif c.effect.kind == "plant" and wheels is not None:
-            scales = Scales(interval, command=float(commands[wheels.linear]) or 1.0)
+            scales = Scales(spacing, command=float(commands[wheels.linear]) or 1.0)
         elif c.effect.kind == "coordinate":
             drive = sum(float(commands[u]) for u in driven_by(model, c.on))
             own = _speed(problem, c.on), _inertia(model, c.on), places(problem, c.on)
-            scales = Scales(interval, drive or 1.0, *own)
+            scales = Scales(spacing, drive or 1.0, *own)
         items += [(c, start) for start in c.effect.starts(scales)]
     return Starts(tuple(items))
 
@@ -228,9 +228,9 @@ def small_amplitude(problem: Problem, at: Fit, c: Candidate, start: Start, index
         return start.amplitude
     if index not in starts.amplitudes:
         wanted = _TRIAL if _kinked(problem, c, start) else _RESPONSE
-        few = np.unique(np.linspace(0, len(problem.windows) - 1, 6).astype(int))
-        part, x0 = problem.on(problem.windows.pick(few)), at.x0[few]
-        base, amplitude = part.residuals(at.theta, x0), 1e-4
+        part, few = problem.some(6)
+        x0, amplitude = at.x0[few], 1e-4
+        base = part.residuals(at.theta, x0)
         for _ in range(4):
             moved = part.residuals(column(at.theta, c, start, 0, amplitude).plus, x0)
             size = float(np.sqrt(np.mean(np.minimum(np.abs(moved - base), 1e6) ** 2)))

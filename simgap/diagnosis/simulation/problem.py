@@ -117,6 +117,11 @@ class Problem:
             return self
         return self.on(self.windows.pick(np.arange(len(self.windows))[which]))
 
+    def some(self, count: int = 8) -> tuple[Problem, Ints]:
+        """So many windows spread over all, and which they are."""
+        few = np.unique(np.linspace(0, len(self.windows) - 1, count).astype(np.int64))
+        return self.on(self.windows.pick(few)), few
+
     @property
     def size(self) -> int:
         """Number of compared numbers, as far as they are independent."""

@@ -124,12 +124,11 @@ def choose_step(problem: Problem, theta: Floats, x0: Floats, slot: int, guess: f
 
     It stays within four decades of the guess.
     """
-    few = np.unique(np.linspace(0, len(problem.windows) - 1, 8).astype(int))
-    part, part_x0 = problem.on(problem.windows.pick(few)), x0[few]
+    part, few = problem.some()
     step, target = guess, _JERKED_RESPONSE if problem.model.jerks(theta) else _TARGET_RESPONSE
     for _ in range(3):
         d = slot_direction(part, theta, slot, step)
-        response = np.abs(part.residuals(d.plus, part_x0) - part.residuals(d.minus, part_x0))
+        response = np.abs(part.residuals(d.plus, x0[few]) - part.residuals(d.minus, x0[few]))
         size = float(np.sqrt(np.mean(np.minimum(response, 1e6) ** 2)))
         if size > 0.0 and 0.2 < size / target < 5.0:
             break
