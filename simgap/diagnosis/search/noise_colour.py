@@ -48,7 +48,7 @@ def noise_colour(problem: Problem, theta: Floats, x0: Floats) -> tuple[Floats, C
         return None
     colour = Colour(shared, tau, dt)
     white = np.ascontiguousarray(residual / size)
-    whiten(white, problem.rows, *colour.predictors)
+    whiten(white, problem.rows, *colour.memory)
     return (size, colour) if _stationary(problem, white) and not follows_input(problem, white) else None
 
 

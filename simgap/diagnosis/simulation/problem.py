@@ -277,7 +277,7 @@ class Problem:
         """Misses made white by the law of the noise, (rows, k): of a perfect model they are independent, of size 1."""
         residual = self.misses(theta, x0)
         if self.colour is not None:
-            whiten(residual, self.rows, *self.colour.predictors)
+            whiten(residual, self.rows, *self.colour.memory)
         if self._root_weight.size:
             residual *= self._root_weight
         if not self.heard.all():
