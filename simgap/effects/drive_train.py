@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -119,11 +118,3 @@ def with_motor(model: SymbolicModel, on: str, law: Law) -> SymbolicModel:
 def _there(inertia: sp.Expr) -> sp.Expr:
     """1 where there is a motor, 0 for none."""
     return inertia**2 / (inertia**2 + _NOTHING)
-
-
-def grid(*choices: Sequence[float]) -> list[tuple[float, ...]]:
-    """Every combination of the choices."""
-    out: list[tuple[float, ...]] = [()]
-    for values in choices:
-        out = [(*done, v) for done in out for v in values]
-    return out
