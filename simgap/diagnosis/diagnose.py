@@ -136,14 +136,15 @@ def _sought(model: SymbolicModel, record: Record, settings: DiagnosisSettings, w
     search, _, found = ends
     reach, late = parts.known.reach(found.fit.theta), parts.known.ahead(found.fit.theta)
     if late > 0.0 or reach > parts.known.reach(search.problem.model.null):  # commands outside the record are unknown
-        parts = parts.past_the_unknown(reach).before_the_end(late)
+        parts = parts.changed(lambda p: p.past_the_unknown(reach).before_the_end(late))
         if watch.stopped:
             ends = fitted_again(parts.known, search, found, not_tried)
         else:
             ends = searched(parts.known, most, not_tried, watch, (found, chi2_dof(search.problem, found.fit)))
     filtered = () if watch.stopped else tuple(filtered_channels(ends[0], ends[2]))
     if filtered:
-        parts, robust = parts.without(np.isin(record.measured, [f.channel for f in filtered])), None
+        heard = (~np.isin(record.measured, [f.channel for f in filtered])).astype(np.float64)
+        parts, robust = parts.changed(lambda p: replace(p, heard=heard)), None
         not_tried = {**not_tried, **{(f.fault, f.channel): "the channel was left out" for f in filtered}}
         ends = searched(parts.known, most, not_tried, watch)
     louder = under_its_noise(parts, ends, most, not_tried)

@@ -6,14 +6,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-import numpy as np
-
-from simgap.arrays import Bools, Floats
+from simgap.arrays import Floats
 from simgap.diagnosis.record.folds import Span, cut_at, cut_in_folds, left_out, needed_ahead
 from simgap.diagnosis.record.noise import worth
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import DiagnosisSettings
-from simgap.diagnosis.simulation.colour import Colour
 from simgap.diagnosis.simulation.problem import Problem, build_problem
 from simgap.diagnosis.simulation.step_length import settled
 from simgap.diagnosis.simulation.supermodel import cached_supermodel
@@ -38,14 +35,6 @@ class Parts:
     confirm: Problem
     left_out: tuple[Span, ...] = ()
 
-    def past_the_unknown(self, reach_s: float) -> Parts:
-        """The same without the samples on which commands from before the record may still act."""
-        return self.changed(lambda p: p.past_the_unknown(reach_s))
-
-    def before_the_end(self, late_s: float) -> Parts:
-        """The same without the end of each trace, where what acted was logged after its last sample."""
-        return self.changed(lambda p: p.before_the_end(late_s))
-
     def with_gross_errors(self, usual: Floats, spans: tuple[Span, ...]) -> Parts:
         """The same where misses much larger than a usual one (k,) are gross errors that weigh nothing.
 
@@ -69,15 +58,6 @@ class Parts:
         """Each of the problems, changed."""
         known, fit, choose, confirm = (change(p) for p in (self.known, self.fit, self.choose, self.confirm))
         return Parts(known, fit, choose, confirm, self.left_out)
-
-    def with_noise(self, size: Floats, colour: Colour) -> Parts:
-        """The same under another law of the noise, its standard deviation (k,) over that of before."""
-        return self.changed(lambda p: replace(p, sigma=p.sigma * size, colour=colour))
-
-    def without(self, channels: Bools) -> Parts:
-        """The same with some of the channels (k,) left out of every fit."""
-        heard = np.where(channels, 0.0, self.known.heard)
-        return self.changed(lambda p: replace(p, heard=heard))
 
 
 _SHORT = (
@@ -116,4 +96,5 @@ def parts_of(
     known = folds.fit | folds.choose
     fit, choose, confirm = (every.on(windows.pick(mask)) for mask in (folds.fit, folds.choose, folds.confirm))
     parts = Parts(every.on(windows.pick(known)), fit, choose, confirm)
-    return parts.past_the_unknown(every.reach(compiled.null)), said  # reach of delays that the model declares
+    reach = every.reach(compiled.null)  # of delays that the model declares
+    return parts.changed(lambda p: p.past_the_unknown(reach)), said
