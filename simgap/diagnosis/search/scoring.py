@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -194,10 +194,11 @@ def begun_at(c: Candidate, start: Start, coefficients: Floats) -> dict[int, floa
             return None
         coefficients = np.clip(coefficients, *_SECANT) * start.amplitude
     values = start.point(list(coefficients))
-    if not c.effect.physical(values):
-        return None
-    slots = dict(zip((p.symbol for p in c.effect.parameters), c.slots, strict=True))
-    return {slots[s]: v for s, v in values.items()}
+    return _by_slot(c, values) if c.effect.physical(values) else None
+
+
+def _by_slot(c: Candidate, values: Mapping[str, float]) -> dict[int, float]:
+    return {k: values[p.symbol] for p, k in zip(c.effect.parameters, c.slots, strict=True)}
 
 
 def best_of_each(scores: Sequence[Score]) -> list[Score]:
@@ -208,15 +209,10 @@ def best_of_each(scores: Sequence[Score]) -> list[Score]:
     return list(seen.values())
 
 
-def _point(theta: Floats, c: Candidate, start: Start, coefficients: Sequence[float]) -> Floats:
-    values = start.point(coefficients)
-    return with_values(theta, {k: values[p.symbol] for p, k in zip(c.effect.parameters, c.slots, strict=True)})
-
-
 def column(theta: Floats, c: Candidate, start: Start, j: int, amplitude: float) -> Direction:
     """Direction of one coefficient of a start in theta (q,), from the point where the others are zero."""
     coefficients = [amplitude if i == j else 0.0 for i in range(start.size)]
-    return Direction(_point(theta, c, start, coefficients), theta, amplitude)
+    return Direction(with_values(theta, _by_slot(c, start.point(coefficients))), theta, amplitude)
 
 
 def small_amplitude(problem: Problem, at: Fit, c: Candidate, start: Start, index: int, starts: Starts) -> float:
