@@ -163,15 +163,10 @@ def _looks(record: Record, model: SymbolicModel, sigma: Floats, quantum: Floats)
     """Every state that was measured, then every input."""
     units = {v.name: v.unit for v in (*model.states, *model.inputs)}
     read, put = (np.concatenate([getattr(trace, n) for trace in record.traces]) for n in ("y", "u"))
-    for k, name in enumerate(record.measured):
-        yield ChannelLook(name, units[name], *_range(read[:, k]), float(sigma[k]), float(quantum[k]))
-    for k, name in enumerate(record.inputs):
-        yield ChannelLook(name, units[name], *_range(put[:, k]), None, 0.0, at_limit(put[:, k]))
-
-
-def _range(x: Floats) -> tuple[float, float, float]:
-    """Lowest, highest, root mean square."""
-    return float(x.min()), float(x.max()), float(np.sqrt(np.mean(x**2)))
+    for k, (name, x) in enumerate(zip((*record.measured, *record.inputs), (*read.T, *put.T), strict=True)):
+        range_ = float(x.min()), float(x.max()), float(np.sqrt(np.mean(x**2)))
+        own = (float(sigma[k]), float(quantum[k])) if k < len(sigma) else (None, 0.0, at_limit(x))
+        yield ChannelLook(name, units[name], *range_, *own)
 
 
 def _excitation(record: Record, model: SymbolicModel) -> Iterator[str]:
