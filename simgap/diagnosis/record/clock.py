@@ -138,6 +138,10 @@ def pieces(t: Floats, inside: Bools, limit: float) -> list[slice]:
     return [slice(int(index[a]), int(index[b - 1]) + 1) for a, b in zip(starts, stops, strict=True)]
 
 
+COUNTED = ("repeated", "masked", "gaps", "short_pieces", "short_rows")
+"""What of a trace is treated otherwise than used as it is: rows or pieces, as `FileNotes` names them."""
+
+
 @dataclass(frozen=True, eq=False)
 class Split:
     """Pieces of one trace, and how many rows or pieces were treated how.
@@ -145,16 +149,13 @@ class Split:
     Attributes:
         pieces: stamps (n,) and channels (n, m) of each.
         samples: rows with stamps of their own.
+        counts: some of `COUNTED`.
         unwrapped: columns that jumped by full turns.
     """
 
     pieces: tuple[tuple[Floats, Floats], ...]
     samples: int
-    repeated: int = 0
-    masked: int = 0
-    gaps: int = 0
-    short_pieces: int = 0
-    short_rows: int = 0
+    counts: Mapping[str, int]
     unwrapped: tuple[int, ...] = ()
 
 
@@ -177,7 +178,7 @@ def split(
         window_s: shortest piece (s).
     """
     if not np.any(np.diff(t) > 0.0):
-        return Split((), samples=min(t.size, 1), short_pieces=1, short_rows=int(t.size))
+        return Split((), min(t.size, 1), {"short_pieces": 1, "short_rows": int(t.size)})
     block, unwrapped = _unwrapped(t, block, turns)  # before repeats are averaged: a mean across a wrap is neither side
     t, block, repeated = merge_repeats(t, block)
     inside = kept(t, masks)
@@ -190,16 +191,15 @@ def split(
             out.append((t[piece], block[piece]))
         else:
             short.append(piece.stop - piece.start)
-    return Split(
-        tuple(out),
-        samples=int(t.size),
-        repeated=repeated,
-        masked=int(np.count_nonzero(~inside)),
-        gaps=int(np.count_nonzero((steps > limit) & inside[1:] & inside[:-1])),
-        short_pieces=len(short),
-        short_rows=sum(short),
-        unwrapped=unwrapped,
-    )
+    masked, gaps = (int(np.count_nonzero(x)) for x in (~inside, (steps > limit) & inside[1:] & inside[:-1]))
+    counts = {
+        "repeated": repeated,
+        "masked": masked,
+        "gaps": gaps,
+        "short_pieces": len(short),
+        "short_rows": sum(short),
+    }
+    return Split(tuple(out), int(t.size), counts, unwrapped)
 
 
 def _unwrapped(
