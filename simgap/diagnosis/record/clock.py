@@ -138,7 +138,7 @@ def pieces(t: Floats, inside: Bools, limit: float) -> list[slice]:
     return [slice(int(index[a]), int(index[b - 1]) + 1) for a, b in zip(starts, stops, strict=True)]
 
 
-COUNTED = ("repeated", "masked", "gaps", "short_pieces", "short_rows")
+_COUNTED = ("repeated", "masked", "gaps", "short_pieces", "short_rows")
 """What of a trace is treated otherwise than used as it is: rows or pieces, as `FileNotes` names them."""
 
 
@@ -149,7 +149,7 @@ class Split:
     Attributes:
         pieces: stamps (n,) and channels (n, m) of each.
         samples: rows with stamps of their own.
-        counts: some of `COUNTED`.
+        counts: by name, as in `FileNotes`.
         unwrapped: columns that jumped by full turns.
     """
 
@@ -178,7 +178,7 @@ def split(
         window_s: shortest piece (s).
     """
     if not np.any(np.diff(t) > 0.0):
-        return Split((), min(t.size, 1), {"short_pieces": 1, "short_rows": int(t.size)})
+        return Split((), min(t.size, 1), dict(zip(_COUNTED, (0, 0, 0, 1, int(t.size)), strict=True)))
     block, unwrapped = _unwrapped(t, block, turns)  # before repeats are averaged: a mean across a wrap is neither side
     t, block, repeated = merge_repeats(t, block)
     inside = kept(t, masks)

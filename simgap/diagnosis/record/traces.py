@@ -14,16 +14,7 @@ import numpy as np
 from simgap.arrays import Ints
 from simgap.config.measured import MeasuredSection
 from simgap.diagnosis.record.channels import Channel, RawTable, convert, measured_columns
-from simgap.diagnosis.record.clock import (
-    COUNTED,
-    Split,
-    check_forward,
-    check_interval,
-    concerning,
-    same_file,
-    seconds,
-    split,
-)
+from simgap.diagnosis.record.clock import Split, check_forward, check_interval, concerning, same_file, seconds, split
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.errors import UserError
 
@@ -148,7 +139,7 @@ def _file_traces(
         rows=table.rows,
         rows_used=sum(len(trace.t) for trace in traces),
         epoch_s=epoch,
-        **{n: sum(part.counts.get(n, 0) for part in parts) for n in COUNTED},
+        **{n: sum(part.counts[n] for part in parts) for n in parts[0].counts},
         unwrapped=tuple(c.name for j, c in enumerate(used) if any(j in part.unwrapped for part in parts)),
         traces=tuple(trace.name for trace in traces),
     )
