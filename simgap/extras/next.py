@@ -210,19 +210,6 @@ def _start(context: Context, names: tuple[str, ...], allowed: Box, given: Mappin
     return np.array([given.get(n, own.get(n, 0.0)) for n in names])
 
 
-def _lengths(question: Question, advice: Advice) -> dict[str, Any]:
-    """How long it is, what was asked of it, and what the longest one would give."""
-    if len(advice.known.rivals) == 1 or advice.proposal.best is None:
-        return {"seconds": float(advice.bench.t[-1])}
-    whole = advice.longest or advice.proposal
-    return {
-        "seconds": float(advice.bench.t[-1]),
-        "asked": CONFIDENCE if question.brief else None,
-        "shown": advice.proposal.shown,
-        "longest": {"seconds": float(question.t[-1]), "probability": whole.sure, "shown": whole.shown},
-    }
-
-
 def _write(context: Context, question: Question, advice: Advice, out_dir: Path) -> dict[str, Any]:
     out_dir.mkdir(parents=True, exist_ok=True)
     text = paragraph(question, advice, context.units, str(out_dir / INPUT))
@@ -233,7 +220,7 @@ def _write(context: Context, question: Question, advice: Advice, out_dir: Path) 
         "tried": advice.proposal.tried,
         "outside": advice.proposal.left,
         "probability": advice.proposal.sure if len(rivals) > 1 else None,
-        **_lengths(question, advice),
+        "seconds": float(advice.bench.t[-1]),
         "remedy": None if advice.remedy is None else asdict(advice.remedy),
         "input": None if best is None else INPUT,
         "conditions": dict(zip(question.model.conditions, advice.bench.held, strict=True)),
@@ -241,6 +228,9 @@ def _write(context: Context, question: Question, advice: Advice, out_dir: Path) 
     }
     left = None
     if best is not None and len(rivals) > 1:
+        whole = advice.longest or advice.proposal
+        content["asked"], content["shown"] = CONFIDENCE if question.brief else None, advice.proposal.shown
+        content["longest"] = {"seconds": float(question.t[-1]), "probability": whole.sure, "shown": whole.shown}
         content["expected_chi2"] = best.d.tolist()
         content["alike"] = [[rivals[a].label, rivals[b].label] for a, b in advice.proposal.alike()]
         left = missed(advice.bench, best, rivals, *advice.proposal.closest(rivals, advice.bench))

@@ -123,11 +123,6 @@ def kept(t: Floats, masks: Sequence[Mask]) -> Bools:
     return np.broadcast_to((inside | (not keeps)) & ~outside, t.shape)
 
 
-def gap_limit(intervals: Floats) -> float:
-    """The interval beyond which a trace is split, (n,) s -> s: five times the one that 95 % of the samples keep."""
-    return 5.0 * float(np.quantile(intervals, 0.95))
-
-
 def pieces(t: Floats, inside: Bools, limit: float) -> list[slice]:
     """Runs of consecutive stamps (n,) s that are `inside` (n,) and never further apart than `limit` seconds."""
     index = np.flatnonzero(inside)
@@ -174,7 +169,7 @@ def split(
         block: (n, m) channels.
         turns: for the columns that may be wrapped: a full turn, and whether they are (None: the data decide).
         masks: stretches to keep or to drop.
-        gap_s: a longer interval (s) ends a piece; None: `gap_limit` of the intervals.
+        gap_s: a longer interval (s) ends a piece; None: five times the one that 95 % of the samples keep.
         window_s: shortest piece (s).
     """
     if not np.any(np.diff(t) > 0.0):
@@ -183,7 +178,7 @@ def split(
     t, block, repeated = merge_repeats(t, block)
     inside = kept(t, masks)
     steps = np.diff(t)
-    limit = gap_limit(steps) if gap_s is None else gap_s
+    limit = 5.0 * float(np.quantile(steps, 0.95)) if gap_s is None else gap_s
     out, short = [], []
     for piece in pieces(t, inside, limit):
         long = t[piece.stop - 1] - t[piece.start] >= window_s * (1 - 1e-9) and piece.stop - piece.start >= MIN_SAMPLES

@@ -89,17 +89,14 @@ def better_columns(problem: Problem) -> Columns | None:
         return None
     far = OUT_OF_SIGHT * bar
     tried = [(option, _missed(option.applied(part), far)) for option in _options(problem)]
-    return _best(part, tried, bar) or _best_beside_effects(part, [o for o, left in tried if left <= far])
-
-
-def _best_beside_effects(part: Problem, options: Sequence[Columns]) -> Columns | None:
-    """The best of the possibilities with effects that are free."""
+    best, near = _best(part, tried, bar), [option for option, left in tried if left <= far]
+    if best is not None or not near:
+        return best
     bar = _missed_beside_effects(part, np.inf, PLAUSIBLE_RATIO)  # as they are: with what the search may find
-    if bar < OUT_OF_SIGHT or not options:
+    if bar < OUT_OF_SIGHT:
         return None
     hopeless = _HOPELESS * bar / OUT_OF_SIGHT
-    tried = [(option, _missed_beside_effects(option.applied(part), hopeless)) for option in options]
-    return _best(part, tried, bar)
+    return _best(part, [(option, _missed_beside_effects(option.applied(part), hopeless)) for option in near], bar)
 
 
 def _best(part: Problem, tried: Sequence[tuple[Columns, float]], bar: float) -> Columns | None:

@@ -75,9 +75,8 @@ def _from_afar(problem: Problem, theta: Floats, x0: Floats, best: Refit) -> Refi
         at = refit(replace(part, usual=times * part.spread * part.sigma), theta, at).x0
     ends = refit(part, theta, at)
     x0, chi2, promise = best.x0.copy(), best.chi2.copy(), best.promise.copy()
-    won = ends.chi2 < chi2[bad]
-    x0[bad[won]], chi2[bad[won]], promise[bad[won]] = ends.x0[won], ends.chi2[won], ends.promise[won]
-    return Refit(x0, chi2, promise)
+    x0[bad], chi2[bad], promise[bad] = ends.x0, ends.chi2, ends.promise
+    return better(best, Refit(x0, chi2, promise))
 
 
 def better(a: Refit, b: Refit) -> Refit:
