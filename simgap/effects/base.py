@@ -304,8 +304,7 @@ class CoordinateTarget(Effect):
     def units(self, model: SymbolicModel, on: str) -> dict[str, str]:
         """Units from those of the coordinate's force and of the state that is its position."""
         c = model.coordinate(on)
-        position = next(v.unit for v in model.states if v.name == c.position)
-        return {p.symbol: p.unit.format(force=c.force_unit, position=position) for p in self.parameters}
+        return {p.symbol: p.unit.format(force=c.force_unit, position=model.units[c.position]) for p in self.parameters}
 
 
 class CoordinateEffect(CoordinateTarget):

@@ -33,8 +33,7 @@ class RollingResistance(WheelEffect):
 
     def units(self, model: SymbolicModel, on: str) -> dict[str, str]:
         """The unit of the commanded speed."""
-        wheels = model.wheels
-        return {"loss": next((v.unit for v in model.inputs if wheels is not None and v.name == wheels.linear), "m/s")}
+        return {"loss": "m/s" if model.wheels is None else model.units[model.wheels.linear]}
 
     def starts(self, scales: Scales) -> tuple[Start, ...]:
         """Losses at a few shares of the largest commanded speed."""

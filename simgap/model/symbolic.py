@@ -124,6 +124,11 @@ class SymbolicModel:
         return tuple(v.name for v in self.inputs)
 
     @cached_property
+    def units(self) -> Mapping[str, str]:
+        """State or input -> its unit."""
+        return {v.name: v.unit for v in (*self.states, *self.inputs)}
+
+    @cached_property
     def driven(self) -> Mapping[str, str]:
         """Input -> the coordinate on which it is a force, one to one.
 

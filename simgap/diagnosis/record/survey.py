@@ -161,12 +161,11 @@ def _timing(record: Record) -> Iterator[TraceLook]:
 
 def _looks(record: Record, model: SymbolicModel, sigma: Floats, quantum: Floats) -> Iterator[ChannelLook]:
     """Every state that was measured, then every input."""
-    units = {v.name: v.unit for v in (*model.states, *model.inputs)}
     read, put = (np.concatenate([getattr(trace, n) for trace in record.traces]) for n in ("y", "u"))
     for k, (name, x) in enumerate(zip((*record.measured, *record.inputs), (*read.T, *put.T), strict=True)):
         range_ = float(x.min()), float(x.max()), float(np.sqrt(np.mean(x**2)))
         own = (float(sigma[k]), float(quantum[k])) if k < len(sigma) else (None, 0.0, at_limit(x))
-        yield ChannelLook(name, units[name], *range_, *own)
+        yield ChannelLook(name, model.units[name], *range_, *own)
 
 
 def _excitation(record: Record, model: SymbolicModel) -> Iterator[str]:
@@ -184,7 +183,7 @@ def _excitation(record: Record, model: SymbolicModel) -> Iterator[str]:
 
 def _motion(record: Record, model: SymbolicModel, c: Coordinate) -> Iterator[str]:
     k = record.measured.index(c.position)
-    unit = next(v.unit for v in model.states if v.name == c.position)
+    unit = model.units[c.position]
     turn = full_turn(unit)
     if turn is not None and _has_sine(model, c.position):
         angle = np.concatenate([trace.y[:, k] for trace in record.traces]) * (2 * np.pi / turn)

@@ -172,7 +172,7 @@ def _per_number(part: Problem, at: Fit) -> float:
 def _options(problem: Problem) -> Iterator[Columns]:
     """Signs, units that are smaller than the declared one, larger ones, exchanged columns: likelier ones first."""
     names, inputs = problem.model.measured, problem.model.model.input_names
-    units = {v.name: v.unit for v in (*problem.model.model.states, *problem.model.model.inputs)}
+    units = problem.model.model.units
     k, m = len(names), len(inputs)
     ones, same = (np.ones(k), np.ones(m)), (tuple(range(k)), tuple(range(m)))
 

@@ -123,7 +123,7 @@ def barred(model: SymbolicModel, record: Record, named: Collection[str], known: 
 def _winds(model: SymbolicModel, record: Record, coordinate: str) -> bool:
     """Whether the coordinate is an angle that travels more than a full turn in a trace."""
     position = model.coordinate(coordinate).position
-    turn = full_turn(next(v.unit for v in model.states if v.name == position))
+    turn = full_turn(model.units[position])
     if turn is None or position not in record.measured:
         return False
     k = record.measured.index(position)

@@ -92,11 +92,10 @@ def missing_terms(
     columns = {n: np.concatenate([m.values[n] for m in motions]) for n in regressors}
     columns = {n: c for n, c in columns.items() if np.ptp(c) > 0.0}
     thin = max(1.0, SPAN_S / motions[0].dt)  # neighbours share a span: fewer are independent
-    units = {v.name: v.unit for v in (*before.states, *before.inputs)}
     found = []
     for k, (label, unit, own) in enumerate(labels):
         old, new = ({n: _binned(c, lack[k], thin) for n, c in columns.items() if n in own} for lack in lacks)
-        found.append(Missing(label, unit, old, new, units))
+        found.append(Missing(label, unit, old, new, before.units))
     return tuple(found)
 
 
@@ -110,8 +109,8 @@ def _rows(model: SymbolicModel) -> tuple[list[str], list[tuple[str, str, set[str
         ]
         return [c.velocity for c in model.coordinates], labels, [*model.state_names, *inputs]
     if model.wheels is not None:
-        w, turning = model.wheels, {v.name: v.unit for v in model.states}[model.wheels.heading]
-        length = {v.name: v.unit for v in model.states}[w.x]
+        w = model.wheels
+        turning, length = model.units[w.heading], model.units[w.x]
         names = (("forward speed", length), ("sideways speed", length), ("turning rate", turning))
         return [w.x, w.y, w.heading], [(n, f"{u}/s", set(inputs)) for n, u in names], inputs
     rows = [v for v, e in zip(model.states, model.xdot, strict=True) if not sp.sympify(e).is_Symbol]

@@ -45,9 +45,8 @@ def _recording(question: Question, advice: Advice, units: Mapping[str, str], fil
     start = ", ".join(
         f"{n} = {number(float(v))}" for n, v in zip(question.model.state_names, question.start, strict=True)
     )
-    of_model = {v.name: v.unit for v in question.model.inputs}
     held = ", ".join(
-        f"{n} = {number(v)} {pretty_unit(of_model[n])}".strip()
+        f"{n} = {number(v)} {pretty_unit(question.model.units[n])}".strip()
         for n, v in zip(question.model.conditions, advice.bench.held, strict=True)
     )
     under = f" with {held}" if held else ""

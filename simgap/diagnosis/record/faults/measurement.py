@@ -105,7 +105,7 @@ class Drift(ReadingFault):
 
     def units(self, model: SymbolicModel, on: str) -> dict[str, str]:
         """The unit of the state a second."""
-        return {"rate": f"{next(v.unit for v in model.states if v.name == on)}/s"}
+        return {"rate": f"{model.units[on]}/s"}
 
     def distort(self, reading: Floats, value: float, t: Floats, measured: Floats, rows: Ints, since: Floats) -> None:
         """A ramp from the start of each trace."""
