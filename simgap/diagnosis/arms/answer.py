@@ -155,7 +155,7 @@ def answer(
     scored = (_scored(part, theta, found, heard) for part, theta in ((folds.confirm, zero), (confirm, found.used)))
     gain = gained(*(each.density() for each in scored)) if heard else Gain(0.0, math.inf)
     base = _base(tree, found)
-    effects = (*_gains(found, inputs), *_terms(found, tree, inputs, units), *_links(base, found))
+    effects = (*_gains(found, inputs), *_terms(found, tree, inputs, units), *_links(base))
     word = verdict(*errors, gain, bool(effects))
     rows = (folds.fit.live.sum(axis=0) + folds.choose.live.sum(axis=0)) / found.correlated
 
@@ -279,7 +279,7 @@ def _base(tree: Tree, found: Found) -> tuple[BaseParameter, ...]:
     return tuple(rows)
 
 
-def _links(base: Sequence[BaseParameter], found: Found) -> list[FoundEffect]:
+def _links(base: Sequence[BaseParameter]) -> list[FoundEffect]:
     """One effect a link: its combinations that are not as declared."""
     out: dict[str, dict[str, Estimate]] = {}
     for b in base:

@@ -93,10 +93,10 @@ def choose(
     payload = tuple(k for k, key in enumerate(keys) if key.effect == PAYLOAD)
     first = len(inertial)
     per_joint = [range(first + j * len(TERMS), first + (j + 1) * len(TERMS)) for j in range(joints)]
-    found = []
-    for given in (payload, (*inertial, *payload)):
-        found.append(forward(keys, gram, right, judge, together, given, per_joint, most))
-    declared, free = found
+    declared, free = (
+        forward(keys, gram, right, judge, together, given, per_joint, most)
+        for given in (payload, (*inertial, *payload))
+    )
     return free if free.bic < declared.bic - BIC_GAIN else declared
 
 

@@ -45,7 +45,6 @@ class Linearised:
 
     Attributes:
         gram: (p, p) projected J^T J; gradient: (p,) projected J^T r; rest: projected r^T r.
-        chi2: r^T r before projection.
         window_gradient: (w, p), window_gram: (w, p, p), window_rest: (w,): share of each window in these.
         state_r: (w, nx, nx) triangular factors of the initial-state columns; state_b: (w, nx, p) and
         state_g: (w, nx), Q^T of the parameter columns and of the residual, to recover the initial states' step.
@@ -54,7 +53,6 @@ class Linearised:
     gram: Floats
     gradient: Floats
     rest: float
-    chi2: float
     window_gradient: Floats
     window_gram: Floats
     window_rest: Floats
@@ -167,14 +165,12 @@ def state_columns(missed: Callable[[Floats], Floats], x0: Floats, steps: Floats,
 def linearise(problem: Problem, theta: Floats, x0: Floats, directions: Sequence[Direction]) -> Linearised:
     """Residual and columns of all windows, projected: theta, (w, nx), p directions."""
     p, nx, w = len(directions), x0.shape[1], len(problem.windows)
-    chi2 = 0.0
     window_gradient, window_gram, window_rest = np.zeros((w, p)), np.zeros((w, p, p)), np.zeros(w)
     state_r, state_b, state_g = np.zeros((w, nx, nx)), np.zeros((w, nx, p)), np.zeros((w, nx))
     steps = state_steps(problem, x0)
     for part in chunks(problem):
         sub = problem.part(part)
         residual, columns, states = _columns(sub, theta, x0[part], directions, steps)
-        chi2 += float(residual @ residual)
         k = problem.y.shape[1]
         for j in range(len(sub.windows)):
             rows = slice(int(sub.rows[j]) * k, int(sub.rows[j + 1]) * k)
@@ -186,9 +182,7 @@ def linearise(problem: Problem, theta: Floats, x0: Floats, directions: Sequence[
             window_gradient[at], window_gram[at], window_rest[at] = b.T @ e, b.T @ b, e @ e
             state_r[at], state_b[at], state_g[at] = r, qb, qe
     gram, gradient, rest = window_gram.sum(axis=0), window_gradient.sum(axis=0), float(window_rest.sum())
-    return Linearised(
-        gram, gradient, rest, chi2, window_gradient, window_gram, window_rest, state_r, state_b, state_g
-    )  # fmt: skip
+    return Linearised(gram, gradient, rest, window_gradient, window_gram, window_rest, state_r, state_b, state_g)
 
 
 def _orthogonal(states: Floats) -> tuple[Floats, Floats]:
