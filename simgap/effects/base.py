@@ -350,6 +350,11 @@ class MemoryForceEffect(CoordinateTarget):
         return grown.with_force(on, self.force(symbol(state), velocity, values))
 
 
+def both_sides(of: sp.Expr, *limits: float) -> tuple[sp.Expr, ...]:
+    """Surfaces on which something is at a limit or at its opposite; none of limits that are infinite."""
+    return tuple(of - sp.Float(side * limit) for limit in limits if math.isfinite(limit) for side in (-1.0, 1.0))
+
+
 def drives(model: SymbolicModel, name: str) -> str | None:
     """The coordinate on which an input is a force, one to one; None if there is none."""
     return model.driven.get(name)
