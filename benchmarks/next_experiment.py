@@ -26,10 +26,9 @@ import numpy as np
 RESULTS = Path(__file__).parent / "results"
 sys.path[:0] = [str(Path(__file__).parent)]
 
-from next_experiment_plants import STUDIES, Confusion, confusion  # noqa: E402
+from next_experiment_plants import STUDIES, Confusion, confusion, random_wave  # noqa: E402
 
 from simgap.extras.experiment.ask import ask  # noqa: E402
-from simgap.extras.experiment.propose import random_wave  # noqa: E402
 
 FIRST_SEED = 40_000
 """Rules were set on records from seeds 7000 and 20000 on."""

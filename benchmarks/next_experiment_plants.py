@@ -17,11 +17,13 @@ import numpy as np
 ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(ROOT)]
 
+from simgap.arrays import Floats  # noqa: E402
 from simgap.diagnosis.diagnose import diagnose  # noqa: E402
 from simgap.diagnosis.record.record import Record, Trace  # noqa: E402
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings  # noqa: E402
+from simgap.excitation import multisine  # noqa: E402
 from simgap.extras.experiment.ask import Question  # noqa: E402
-from simgap.extras.experiment.propose import random_wave  # noqa: E402
+from simgap.extras.experiment.propose import Wave  # noqa: E402
 from simgap.geometry import Box  # noqa: E402
 from simgap.model.symbolic import SymbolicModel  # noqa: E402
 from tests.undeclared.nominals import nominal  # noqa: E402
@@ -34,6 +36,13 @@ SECONDS = 4.0
 Key = tuple[str, str]
 Keys = frozenset[Key]
 Size = Callable[[float], dict[str, Any]]
+
+
+def random_wave(t: Floats, inputs: int, rng: np.random.Generator) -> Wave:
+    """A multisine of random band and size on every input: what a person takes who does not ask."""
+    low, high = sorted(np.exp(rng.uniform(np.log(0.1), np.log(5.0), 2)))
+    u = np.stack([multisine(t, 1.0, low, max(high, 1.5 * low), rng) for _ in range(inputs)], axis=1)
+    return Wave(f"multisine of {low:.2g} to {high:.2g} Hz", u * rng.uniform(0.2, 1.0))
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from simgap.diagnosis import seek
 from simgap.diagnosis.change import Answer, sides_apart
 from simgap.diagnosis.choosing import chosen
 from simgap.diagnosis.conclude import conclude
@@ -17,16 +18,6 @@ from simgap.diagnosis.search.columns import better_columns
 from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.scoring import barred
 from simgap.diagnosis.search.watch import Watch
-from simgap.diagnosis.seek import (
-    Searched,
-    acts_later,
-    begun,
-    explained_by_one,
-    fitted_again,
-    searched,
-    under_its_law,
-    under_its_noise,
-)
 from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.parts import Parts, parts_of
 from simgap.diagnosis.thresholds import FIT_QUALITY
@@ -93,11 +84,11 @@ class _Sought:
     said: tuple[str, ...]
     faults: tuple[RecordingFault, ...]
     parts: Parts
-    ends: Searched
+    ends: seek.Searched
     filtered: tuple[RecordingFault, ...]
     not_tried: Mapping[Key, str]
     coloured: bool
-    robust: tuple[Parts, Searched] | None
+    robust: tuple[Parts, seek.Searched] | None
 
 
 def _concluded(model: SymbolicModel, settings: DiagnosisSettings, sought: _Sought) -> Diagnosis:
@@ -119,34 +110,35 @@ def _sought(model: SymbolicModel, record: Record, settings: DiagnosisSettings, w
     record, parts, said, faults = ready(model, record, settings)
     not_tried = barred(model, record, settings.effects, settings.known)
     robust = None
-    most, before = settings.max_effects, begun(parts.known, not_tried, watch)
+    most, before = settings.max_effects, seek.begun(parts.known, not_tried, watch)
     tiers = Tiers(model, record, settings, not_tried, parts)
     wider, wide = tiers.screened(*before)
     if wider is None:
-        pushed = None if explained_by_one(*before) else under_its_law(parts, *before, most, not_tried)
+        pushed = None if seek.explained_by_one(*before) else seek.under_its_law(parts, *before, most, not_tried)
         if pushed is not None and pushed[0].left_out:
             parts, ends = pushed
             tiers, wide = replace(tiers, like=parts), None
         else:  # all data by least squares, from the beginning
-            robust = None if pushed is None or acts_later(pushed[1][0], pushed[1][2]) else pushed
-            ends = searched(parts.known, most, not_tried, watch, before=before)
+            robust = None if pushed is None or seek.acts_later(pushed[1][0], pushed[1][2]) else pushed
+            ends = seek.searched(parts.known, most, not_tried, watch, before=before)
         wider = tiers.second(ends[0], ends[2], wide)
     wider = tiers.motors(*(wider or (parts, ends))[1][::2]) or wider
     parts, ends = wider or (parts, ends)
     search, _, found = ends
     reach, late = parts.known.reach(found.fit.theta), parts.known.ahead(found.fit.theta)
     if late > 0.0 or reach > parts.known.reach(search.problem.model.null):  # commands outside the record are unknown
-        parts = parts.past_the_unknown(reach).before_the_end(late)
+        parts = parts.past_the_unknown(reach).changed(lambda p: p.before_the_end(late))
         if watch.stopped:
-            ends = fitted_again(parts.known, search, found, not_tried)
+            ends = seek.fitted_again(parts.known, search, found, not_tried)
         else:
-            ends = searched(parts.known, most, not_tried, watch, (found, chi2_dof(search.problem, found.fit)))
+            ends = seek.searched(parts.known, most, not_tried, watch, (found, chi2_dof(search.problem, found.fit)))
     filtered = () if watch.stopped else tuple(filtered_channels(ends[0], ends[2]))
     if filtered:
-        parts, robust = parts.without(np.isin(record.measured, [f.channel for f in filtered])), None
+        heard = (~np.isin(record.measured, [f.channel for f in filtered])).astype(np.float64)
+        parts, robust = parts.changed(lambda p: replace(p, heard=heard)), None
         not_tried = {**not_tried, **{(f.fault, f.channel): "the channel was left out" for f in filtered}}
-        ends = searched(parts.known, most, not_tried, watch)
-    louder = under_its_noise(parts, ends, most, not_tried)
+        ends = seek.searched(parts.known, most, not_tried, watch)
+    louder = seek.under_its_noise(parts, ends, most, not_tried)
     parts, ends = louder or (parts, ends)
     return _Sought(record, said, faults, parts, ends, filtered, not_tried, louder is not None, robust)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -169,7 +170,8 @@ def under_its_noise(
     noise = None if search.watch.stopped else _noise(parts.known, search, found)
     if noise is None:
         return None
-    louder = parts.with_noise(*noise)
+    size, colour = noise  # its standard deviation over that of before
+    louder = parts.changed(lambda p: replace(p, sigma=p.sigma * size, colour=colour))
     again = searched(louder.known, most, not_tried, search.watch)
     if chi2_dof(again[0].problem, again[2].fit) > FIT_QUALITY:  # it was not the noise that was missing
         return None

@@ -18,7 +18,7 @@ from simgap.arrays import Floats
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import DiagnosisSettings, Key
 from simgap.diagnosis.search.confidence import chi2_dof
-from simgap.diagnosis.search.explanations import Explanation, Search, sound
+from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.scoring import Starts
 from simgap.diagnosis.search.selection import grow, preferred
@@ -107,7 +107,6 @@ class Tiers:
             if off:
                 options += search.joined(search.empty(base), exclude=_first(search))
                 options += search.joined(known, _first(search)) if known.members else []
-                options += _without_the_idle(search)
                 most_here = min(most, max(LEAPS_ANYHOW, len(found.members)))
                 for e in sorted(options, key=lambda e: e.bic)[:NARROW]:
                     grow(search, preferred(search, e, most_here) if len(e.members) >= most_here else e, most_here)
@@ -205,25 +204,6 @@ def _in_the_place(search: Search, found: Explanation) -> list[Explanation]:
 def _less(search: Search, found: Explanation, gone: Collection[Candidate]) -> Explanation:
     for m in gone:
         found = search.without(found, m)
-    return found
-
-
-def _without_the_idle(search: Search) -> list[Explanation]:
-    """The best sets in which a new effect leaves others nothing to do, without those: they had stood in for it."""
-    idle = [
-        e for e in search.tried.values()
-        if not e.physical and math.isfinite(e.bic)
-        and any(c.effect.second and sound(c, e.fit) for c in e.members)
-    ]  # fmt: skip
-    found = []
-    for e in sorted(idle, key=lambda e: e.bic)[:NARROW]:
-        while e.members and not e.physical:
-            gone = next((c for c in e.members if not sound(c, e.fit)), None)
-            if gone is None:
-                break
-            e = search.without(e, gone)
-        if any(c.effect.second for c in e.members):
-            found.append(e)
     return found
 
 

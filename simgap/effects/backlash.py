@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 from simgap.effects.base import EffectParameter, Values
-from simgap.effects.drive_train import DriveTrainEffect, Law, grid
+from simgap.effects.drive_train import DriveTrainEffect, Law
 from simgap.effects.start import Scales, Start
 
 _QUICK = 500.0  # 1/s: how fast a stop answers; of 150, 300 and 500 the widths came nearest to the hidden ones at 500
@@ -46,7 +48,7 @@ class Backlash(DriveTrainEffect):
             gap = scales.command / 3.0 * crossing**2 / (2.0 * inertia)
             return Start(1, lambda c: {"b": c[0] * gap, "I": inertia}, amplitude=1.0)
 
-        return tuple(at(*each) for each in grid((0.02, 0.06, 0.18), (0.012, 0.025, 0.05)))
+        return tuple(at(*each) for each in product((0.02, 0.06, 0.18), (0.012, 0.025, 0.05)))
 
     def law(self, values: Values) -> Law:
         """Nothing within the gap, critically damped stops on both sides."""

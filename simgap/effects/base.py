@@ -12,8 +12,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, TypeAlias
 
-import numpy as np
-
 from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start, multiple
 from simgap.errors import UserError
@@ -306,8 +304,7 @@ class CoordinateTarget(Effect):
     def units(self, model: SymbolicModel, on: str) -> dict[str, str]:
         """Units from those of the coordinate's force and of the state that is its position."""
         c = model.coordinate(on)
-        position = next(v.unit for v in model.states if v.name == c.position)
-        return {p.symbol: p.unit.format(force=c.force_unit, position=position) for p in self.parameters}
+        return {p.symbol: p.unit.format(force=c.force_unit, position=model.units[c.position]) for p in self.parameters}
 
 
 class CoordinateEffect(CoordinateTarget):
@@ -353,44 +350,16 @@ class MemoryForceEffect(CoordinateTarget):
         return grown.with_force(on, self.force(symbol(state), velocity, values))
 
 
-def drives(model: SymbolicModel, name: str) -> str | None:
-    """The coordinate on which an input is a force, one to one; None if there is none.
+def both_sides(of: sp.Expr, *limits: float) -> tuple[sp.Expr, ...]:
+    """Surfaces on which something is at a limit or at its opposite; none of limits that are infinite."""
+    return tuple(of - sp.Float(side * limit) for limit in limits if math.isfinite(limit) for side in (-1.0, 1.0))
 
-    That is where d xdot / d u is the column of the coordinate's force, here at a few random points.
-    """
-    return _driven(model).get(name)
+
+def drives(model: SymbolicModel, name: str) -> str | None:
+    """The coordinate on which an input is a force, one to one; None if there is none."""
+    return model.driven.get(name)
 
 
 def driven_by(model: SymbolicModel, coordinate: str) -> tuple[str, ...]:
     """The inputs that are a force on the coordinate, one to one."""
-    return tuple(u for u, on in _driven(model).items() if on == coordinate)
-
-
-_POINTS = 3
-_DRIVEN: dict[int, tuple[SymbolicModel, dict[str, str]]] = {}
-
-
-def _driven(model: SymbolicModel) -> dict[str, str]:
-    """Input -> the coordinate that it drives; of the last few models."""
-    if id(model) in _DRIVEN and _DRIVEN[id(model)][0] is model:
-        return _DRIVEN[id(model)][1]
-    numbers, found = model.values(), dict[str, str]()
-    every = set().union(
-        *(sp.sympify(e).free_symbols for column in (model.xdot, *model.force_map.values()) for e in column)
-    )
-    free = sorted(every - set(numbers), key=str)  # states, inputs, and parameters of effects that are still open
-    draws = np.random.default_rng(0).uniform(0.2, 1.0, (_POINTS, len(free)))
-    points = [
-        {s: sp.Float(v) for s, v in {**numbers, **dict(zip(free, map(float, at), strict=True))}.items()} for at in draws
-    ]
-    still = {sp.sign(symbol(c.velocity)): sp.Integer(0) for c in model.coordinates}
-    for u in model.input_names:  # friction that grows with an input's force leaves it the force that it is
-        pulls = [sp.diff(sp.sympify(e).xreplace(still), symbol(u)) for e in model.xdot]
-        for c in model.coordinates:
-            off = [p - f for p, f in zip(pulls, model.force_map[c.name], strict=True)]
-            if all(abs(sp.N(e.xreplace(at))) < 1e-9 for at in points for e in off):
-                found[u] = c.name
-    if len(_DRIVEN) >= 16:
-        _DRIVEN.clear()
-    _DRIVEN[id(model)] = model, found
-    return found
+    return tuple(u for u, on in model.driven.items() if on == coordinate)

@@ -33,8 +33,7 @@ class Cogging(CoordinateEffect):
 
     def targets(self, model: SymbolicModel) -> tuple[str, ...]:
         """The coordinates that turn: what slides has no periods in a turn."""
-        units = {v.name: v.unit for v in model.states}
-        return tuple(c.name for c in model.coordinates if full_turn(units[c.position]) is not None)
+        return tuple(c.name for c in model.coordinates if full_turn(model.units[c.position]) is not None)
 
     def starts(self, scales: Scales) -> tuple[Start, ...]:
         """Sine and cosine as two linear coefficients, for each number of periods."""

@@ -26,8 +26,7 @@ class InputEffect(Effect):
 
     def units(self, model: SymbolicModel, on: str) -> dict[str, str]:
         """Units from the input's."""
-        unit = next(v.unit for v in model.inputs if v.name == on)
-        return {p.symbol: p.unit.format(input=unit) for p in self.parameters}
+        return {p.symbol: p.unit.format(input=model.units[on]) for p in self.parameters}
 
     def phrase(self, on: str) -> str:
         """'the dead zone of torque'."""
@@ -66,9 +65,8 @@ class MemoryInputEffect(InputEffect):
         """Declare the delay; add the actuator's output as a state that follows its command."""
         state, delay, lag = self.memory_state(on), self.delay(values), self.lag(values)
         if state is not None:
-            unit = next(v.unit for v in model.inputs if v.name == on)
             lagged = model.with_input(on, symbol(state))
-            model = lagged.with_state(Variable(state, unit), (symbol(on) - symbol(state)) / lag)
+            model = lagged.with_state(Variable(state, model.units[on]), (symbol(on) - symbol(state)) / lag)
         return model if delay == 0 else model.with_delay(on, delay)
 
 
@@ -106,10 +104,9 @@ class DriveEffect(Effect):
 
     def units(self, model: SymbolicModel, on: str) -> dict[str, str]:
         """Units from the input's and from the position's of the coordinate that it drives."""
-        unit, coordinate = next(v.unit for v in model.inputs if v.name == on), drives(model, on)
-        position = "" if coordinate is None else model.coordinate(coordinate).position
-        length = next((v.unit for v in model.states if v.name == position), "1")
-        return {p.symbol: p.unit.format(input=unit, position=length) for p in self.parameters}
+        coordinate = drives(model, on)
+        length = "1" if coordinate is None else model.units[model.coordinate(coordinate).position]
+        return {p.symbol: p.unit.format(input=model.units[on], position=length) for p in self.parameters}
 
     def speed(self, model: SymbolicModel, on: str) -> sp.Symbol:
         """The velocity of the coordinate that the input drives.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -99,15 +98,14 @@ def motor_states(on: str) -> tuple[str, str]:
 def with_motor(model: SymbolicModel, on: str, law: Law) -> SymbolicModel:
     """The model with a motor behind the coordinate; rigid, and the motor at rest, where the law's inertia is 0."""
     c = model.coordinate(on)
-    units = {v.name: v.unit for v in model.states}
     motor, rate = motor_states(on)
     p, r = symbol(motor), symbol(rate)
     torque = law.torque(p - symbol(c.position), r - symbol(c.velocity))
     drive = sp.Add(*(symbol(u) for u in driven_by(model, on)))
     ease = law.inertia / (law.inertia**2 + _NOTHING)  # 1 / I, 0 for none
     acts = _there(law.inertia)
-    grown = model.with_state(Variable(motor, units[c.position]), acts * r)
-    grown = grown.with_state(Variable(rate, units[c.velocity]), ease * (drive - torque))
+    grown = model.with_state(Variable(motor, model.units[c.position]), acts * r)
+    grown = grown.with_state(Variable(rate, model.units[c.velocity]), ease * (drive - torque))
     grown = grown.with_force(on, acts * (torque - drive))
     if law.read == 0:
         return grown
@@ -119,11 +117,3 @@ def with_motor(model: SymbolicModel, on: str, law: Law) -> SymbolicModel:
 def _there(inertia: sp.Expr) -> sp.Expr:
     """1 where there is a motor, 0 for none."""
     return inertia**2 / (inertia**2 + _NOTHING)
-
-
-def grid(*choices: Sequence[float]) -> list[tuple[float, ...]]:
-    """Every combination of the choices."""
-    out: list[tuple[float, ...]] = [()]
-    for values in choices:
-        out = [(*done, v) for done in out for v in values]
-    return out

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from simgap.effects.base import COMMAND, EffectParameter, Values
+from simgap.effects.base import COMMAND, EffectParameter, Values, both_sides
 from simgap.effects.commands import StaticInputEffect
 from simgap.effects.start import Scales, Start
 from simgap.late import sympy as sp
@@ -53,5 +53,4 @@ class InputCurve(StaticInputEffect):
 
     def surfaces(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> tuple[sp.Expr, ...]:
         """Where the curve bends: both signs, their knots."""
-        knots = (values["U"] / 2, values["U"])
-        return (symbol(on), *(symbol(on) - sp.Float(side * knot) for knot in knots for side in (-1.0, 1.0)))
+        return symbol(on), *both_sides(symbol(on), values["U"] / 2, values["U"])

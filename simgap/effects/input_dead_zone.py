@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from simgap.effects.base import COMMAND, EffectParameter, Values
+from simgap.effects.base import COMMAND, EffectParameter, Values, both_sides
 from simgap.effects.commands import StaticInputEffect
 from simgap.effects.start import Scales, Start, multiple
 from simgap.late import sympy as sp
@@ -33,4 +33,4 @@ class InputDeadZone(StaticInputEffect):
 
     def surfaces(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> tuple[sp.Expr, ...]:
         """Both ends of the dead zone."""
-        return tuple(symbol(on) - sp.Float(side * values["width"]) for side in (-1.0, 1.0))
+        return both_sides(symbol(on), values["width"])

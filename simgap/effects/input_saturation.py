@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from simgap.effects.base import COMMAND, EffectParameter, Values
+from simgap.effects.base import COMMAND, EffectParameter, Values, both_sides
 from simgap.effects.commands import StaticInputEffect
 from simgap.effects.start import Scales, Start
 from simgap.late import sympy as sp
@@ -38,6 +38,4 @@ class InputSaturation(StaticInputEffect):
 
     def surfaces(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> tuple[sp.Expr, ...]:
         """Both limits; none where the limit is infinite."""
-        if not math.isfinite(values["limit"]):
-            return ()
-        return tuple(symbol(on) - sp.Float(side * values["limit"]) for side in (-1.0, 1.0))
+        return both_sides(symbol(on), values["limit"])

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from itertools import product
 
 from simgap.effects.base import EffectParameter, Values
-from simgap.effects.drive_train import DriveTrainEffect, Law, grid
+from simgap.effects.drive_train import DriveTrainEffect, Law
 from simgap.effects.start import Scales, Start
 
 
@@ -36,7 +37,7 @@ class JointElasticity(DriveTrainEffect):
             damping = 0.1 * math.sqrt(stiffness * inertia)
             return Start(1, lambda c: {"I": c[0] * inertia, "k": c[0] * stiffness, "c": c[0] * damping}, amplitude=1.0)
 
-        return tuple(at(*each) for each in grid((0.03, 0.2), (4.0, 8.0, 16.0)))
+        return tuple(at(*each) for each in product((0.03, 0.2), (4.0, 8.0, 16.0)))
 
     def physical(self, values: Mapping[str, float]) -> bool:
         """What swings: at half of the critical damping and above it is friction that holds a motor, or play."""

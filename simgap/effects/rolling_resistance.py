@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from simgap.effects.base import PLANT, EffectParameter, WheelEffect, rim_speeds
+from simgap.effects.base import PLANT, EffectParameter, WheelEffect, both_sides, rim_speeds
 from simgap.effects.start import Scales, Start, multiple
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
@@ -33,8 +33,7 @@ class RollingResistance(WheelEffect):
 
     def units(self, model: SymbolicModel, on: str) -> dict[str, str]:
         """The unit of the commanded speed."""
-        wheels = model.wheels
-        return {"loss": next((v.unit for v in model.inputs if wheels is not None and v.name == wheels.linear), "m/s")}
+        return {"loss": "m/s" if model.wheels is None else model.units[model.wheels.linear]}
 
     def starts(self, scales: Scales) -> tuple[Start, ...]:
         """Losses at a few shares of the largest commanded speed."""
@@ -48,4 +47,4 @@ class RollingResistance(WheelEffect):
     def surfaces(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> tuple[sp.Expr, ...]:
         """Where either wheel begins to turn."""
         rims = () if model.wheels is None else rim_speeds(model.wheels)
-        return tuple(s - sp.Float(side * values["loss"]) for s in rims for side in (-1.0, 1.0))
+        return tuple(surface for rim in rims for surface in both_sides(rim, values["loss"]))

@@ -29,4 +29,4 @@ class SensorOffset(Effect):
 
     def units(self, model: SymbolicModel, on: str) -> dict[str, str]:
         """The unit of the state."""
-        return {"offset": next(v.unit for v in model.states if v.name == on)}
+        return {"offset": model.units[on]}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from simgap.effects.base import CoordinateEffect, EffectParameter, Values
+from simgap.effects.base import CoordinateEffect, EffectParameter, Values, both_sides
 from simgap.effects.coulomb_friction import CoulombFriction
 from simgap.effects.start import Scales, Start
 from simgap.late import sympy as sp
@@ -53,5 +53,4 @@ class StribeckFriction(CoordinateEffect):
     def surfaces(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> tuple[sp.Expr, ...]:
         """Rest, where the force turns round, and both flanks of the peak, which may be narrower than a cell."""
         velocity = symbol(model.coordinate(on).velocity)
-        speeds = [share * values["v_s"] for share in _FLANK]
-        return (velocity, *(velocity - sp.Float(side * speed) for speed in speeds for side in (-1.0, 1.0)))
+        return velocity, *both_sides(velocity, *(share * values["v_s"] for share in _FLANK))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from simgap.effects.base import EffectParameter, Values
+from simgap.effects.base import EffectParameter, Values, both_sides
 from simgap.effects.commands import DriveEffect
 from simgap.effects.input_saturation import InputSaturation
 from simgap.effects.start import Scales, Start
@@ -57,7 +57,4 @@ class TorqueSpeedLimit(DriveEffect):
 
     def surfaces(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> tuple[sp.Expr, ...]:
         """Both limits; none where they are infinite."""
-        if not math.isfinite(values["T_s"]):
-            return ()
-        reached = symbol(on) + sp.Float(values["k"]) * self.speed(model, on)
-        return tuple(reached - sp.Float(side * values["T_s"]) for side in (-1.0, 1.0))
+        return both_sides(symbol(on) + sp.Float(values["k"]) * self.speed(model, on), values["T_s"])

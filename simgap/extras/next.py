@@ -32,6 +32,7 @@ from simgap.notation import axis_label
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.stages import log
+from simgap.stages.diagnosis import settings_of
 from simgap.stages.gap_inputs import read_result
 
 COLOURS = (style.BLUE, style.VERMILLION, style.GREEN, style.PURPLE, style.ORANGE)
@@ -126,16 +127,13 @@ def _question(
     reading = load_reading(model, section, paths, context.folder, str(context.path), strict=False)
     record, names = under_conditions(reading, model, section.conditions)
     conditions = tuple(dict.fromkeys(tuple(t.u[0, len(model.inputs) :].tolist()) for t in record.traces))
-    settings = DiagnosisSettings(
-        window_s=section.window_s, horizon_s=section.horizon_s, held_out_traces=reading.held_out,
-        held_out_share=section.held_out.fraction, effects=section.effects,
-    )  # fmt: skip
+    settings = settings_of(section, reading)
     record = ready(conditioned(model, names), record, replace(settings, effects=library_names(sets)))[0]
     allowed, middle, reach = _limits(context, record)
     return Question(
         conditioned(model, names), record, settings, dict(document["noise"]), sets,
         _stamps(context, record, settings, seconds), _start(context, model.state_names, allowed, start), allowed,
-        middle, reach, conditions, seconds is None, dict(context.units),
+        middle, reach, conditions, seconds is None,
     )  # fmt: skip
 
 
@@ -212,19 +210,6 @@ def _start(context: Context, names: tuple[str, ...], allowed: Box, given: Mappin
     return np.array([given.get(n, own.get(n, 0.0)) for n in names])
 
 
-def _lengths(question: Question, advice: Advice) -> dict[str, Any]:
-    """How long it is, what was asked of it, and what the longest one would give."""
-    if len(advice.known.rivals) == 1 or advice.proposal.best is None:
-        return {"seconds": float(advice.bench.t[-1])}
-    whole = advice.longest or advice.proposal
-    return {
-        "seconds": float(advice.bench.t[-1]),
-        "asked": CONFIDENCE if question.brief else None,
-        "shown": advice.proposal.shown,
-        "longest": {"seconds": float(question.t[-1]), "probability": whole.sure, "shown": whole.shown},
-    }
-
-
 def _write(context: Context, question: Question, advice: Advice, out_dir: Path) -> dict[str, Any]:
     out_dir.mkdir(parents=True, exist_ok=True)
     text = paragraph(question, advice, context.units, str(out_dir / INPUT))
@@ -235,7 +220,7 @@ def _write(context: Context, question: Question, advice: Advice, out_dir: Path) 
         "tried": advice.proposal.tried,
         "outside": advice.proposal.left,
         "probability": advice.proposal.sure if len(rivals) > 1 else None,
-        **_lengths(question, advice),
+        "seconds": float(advice.bench.t[-1]),
         "remedy": None if advice.remedy is None else asdict(advice.remedy),
         "input": None if best is None else INPUT,
         "conditions": dict(zip(question.model.conditions, advice.bench.held, strict=True)),
@@ -243,6 +228,9 @@ def _write(context: Context, question: Question, advice: Advice, out_dir: Path) 
     }
     left = None
     if best is not None and len(rivals) > 1:
+        whole = advice.longest or advice.proposal
+        content["asked"], content["shown"] = CONFIDENCE if question.brief else None, advice.proposal.shown
+        content["longest"] = {"seconds": float(question.t[-1]), "probability": whole.sure, "shown": whole.shown}
         content["expected_chi2"] = best.d.tolist()
         content["alike"] = [[rivals[a].label, rivals[b].label] for a, b in advice.proposal.alike()]
         left = missed(advice.bench, best, rivals, *advice.proposal.closest(rivals, advice.bench))

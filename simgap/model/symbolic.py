@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, cached_property
 from typing import Any
+
+import numpy as np
 
 from simgap.errors import UserError
 from simgap.late import sympy as sp
+
+_POINTS = 3
 
 
 def no_number(e: sp.Expr) -> bool:
@@ -118,6 +122,34 @@ class SymbolicModel:
     def input_names(self) -> tuple[str, ...]:
         """Names of the inputs, in order."""
         return tuple(v.name for v in self.inputs)
+
+    @cached_property
+    def units(self) -> Mapping[str, str]:
+        """State or input -> its unit."""
+        return {v.name: v.unit for v in (*self.states, *self.inputs)}
+
+    @cached_property
+    def driven(self) -> Mapping[str, str]:
+        """Input -> the coordinate on which it is a force, one to one.
+
+        That is where d xdot / d u is the column of the coordinate's force, here at a few random points.
+        """
+        numbers, found = self.values(), dict[str, str]()
+        columns = (self.xdot, *self.force_map.values())
+        every = set().union(*(sp.sympify(e).free_symbols for column in columns for e in column))
+        free = sorted(every - set(numbers), key=str)  # states, inputs, and parameters of effects that are still open
+        points = [
+            {s: sp.Float(v) for s, v in {**numbers, **dict(zip(free, map(float, at), strict=True))}.items()}
+            for at in np.random.default_rng(0).uniform(0.2, 1.0, (_POINTS, len(free)))
+        ]
+        still = {sp.sign(symbol(c.velocity)): sp.Integer(0) for c in self.coordinates}
+        for u in self.input_names:  # friction that grows with an input's force leaves it the force that it is
+            pulls = [sp.diff(sp.sympify(e).xreplace(still), symbol(u)) for e in self.xdot]
+            for c in self.coordinates:
+                off = [p - f for p, f in zip(pulls, self.force_map[c.name], strict=True)]
+                if all(abs(sp.N(e.xreplace(at))) < 1e-9 for at in points for e in off):
+                    found[u] = c.name
+        return found
 
     @property
     def derived(self) -> bool:

@@ -13,7 +13,7 @@ from simgap.diagnosis.arms.answer import ArmDiagnosis
 from simgap.diagnosis.arms.problem import INERTIAL, TERMS
 from simgap.diagnosis.record.survey import Survey
 from simgap.diagnosis.record.traces import Reading
-from simgap.diagnosis.verdict.words import explained
+from simgap.diagnosis.verdict import words
 from simgap.effects import effect
 from simgap.effects.quoted import Quoted
 from simgap.io import figure_style as style
@@ -25,13 +25,6 @@ from simgap.report.explorer import explored_predictions
 from simgap.report.figures.arm import torque_error_figure, torque_figure
 
 Document = Mapping[str, Any]
-
-
-def describe(found: Mapping[str, Any]) -> str:
-    """An effect with its numbers; of a link, how many combinations of inertial parameters are not as declared."""
-    if found["name"] == INERTIAL:
-        return f"inertial parameters of {found['on']}"
-    return effect(found["name"]).describe(str(found["on"]), Quoted(found["parameters"]))
 
 
 def sentence(document: Document) -> str:
@@ -55,14 +48,14 @@ def _found(document: Document) -> str:
     parts = [*own, *([f"other inertial parameters of {joined(links)}"] if links else [])]
     what = joined(parts)
     verb = "explains" if own == parts and len(parts) == 1 else "explain" if len(parts) == 1 else "together explain"
-    text = f"{what[0].upper()}{what[1:]} {verb} {explained(document)} of the torques."
+    text = f"{what[0].upper()}{what[1:]} {verb} {words.explained(document)} of the torques."
     return f"{text}{_mounted(document)}"
 
 
 def _told(effects: Sequence[Mapping[str, Any]]) -> list[str]:
     """Each effect with its numbers, or of many the kinds with their places: the table has the numbers."""
     if len(effects) <= MOST_NUMBERS:
-        return [describe(e) for e in effects]
+        return [words.describe(e) for e in effects]
     places: dict[str, list[str]] = {}
     for e in effects:
         places.setdefault(e["name"], []).append(str(e["on"]))
@@ -70,19 +63,12 @@ def _told(effects: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _mounted(document: Document) -> str:
-    return "".join(f" {mounted(p)}" for p in document["payloads"])
-
-
-def mounted(payload: Mapping[str, Any]) -> str:
-    """A sentence about a payload whose mass was found."""
-    if "m" not in payload["parameters"]:
-        return ""
-    mass = Quoted(payload["parameters"]).number("m")
-    return f"In {joined(_listed(payload['traces']))} {payload['link']} carries {mass} more."
-
-
-def _listed(traces: Sequence[str]) -> list[str]:
-    return list(traces) if len(traces) <= 4 else [*traces[:3], f"{len(traces) - 3} more"]
+    """A sentence about each payload whose mass was found."""
+    text = ""
+    for p in (p for p in document["payloads"] if "m" in p["parameters"]):
+        few = p["traces"] if len(p["traces"]) <= 4 else [*p["traces"][:3], f"{len(p['traces']) - 3} more"]
+        text += f" In {joined(few)} {p['link']} carries {Quoted(p['parameters']).number('m')} more."
+    return text
 
 
 TEMPLATE = "arm_diagnosis.html.j2"
@@ -152,10 +138,7 @@ def document(
             "before": _error(found.before),
             "after": _error(found.after),
             "noise_floor": _error(found.floor),
-            "by_trace": {
-                t: {"before": a, "after": b, "after_beyond_friction": found.beyond_friction[t]}
-                for t, (a, b) in found.per_trace.items()
-            },
+            "by_trace": found.by_trace,
         },
         "explained_share": 1.0 - found.excess_share,
         "explained_error": explained_error(found.explained_error),

@@ -115,16 +115,13 @@ def _known(context: Context, tree: Tree, inputs: Sequence[str]) -> dict[str, Flo
     """
     known: dict[str, Floats] = {}
     for k, e in enumerate(context.plant.effects):
-        if e.name == "input_gain" and e.on in inputs:
-            ratios = known.setdefault(e.name, np.ones(tree.size))
-            ratios[list(inputs).index(e.on)] *= float(e.values["ratio"])
-            continue
         places = inputs if effect(e.name).kind == "input" else tree.joints
-        if e.name not in TERMS or e.on not in places:
+        if e.name not in (*TERMS, "input_gain") or e.on not in places:
             raise UserError(
                 f"the effect '{e.name}' on '{e.on}' cannot be in the model of an arm of {tree.size} joints",
                 key=f"plant.effects.{k}", remedy=f"Known on its joints and inputs: {', '.join(TERMS)}, input_gain.",
             )  # fmt: skip
-        values = known.setdefault(e.name, np.zeros(tree.size))
-        values[list(places).index(e.on)] += float(e.values[effect(e.name).parameters[0].symbol])
+        (p,) = effect(e.name).parameters
+        values, at = known.setdefault(e.name, np.full(tree.size, p.null)), list(places).index(e.on)
+        values[at] = values[at] * e.values[p.symbol] if p.null else values[at] + e.values[p.symbol]
     return known

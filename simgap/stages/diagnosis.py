@@ -48,21 +48,18 @@ def outside(context: Context, record: Record) -> str | None:
     case = context.case
     if case.domain is None or case.gap is None or not record.rows:
         return None
-    values = {name: [trace.y[:, k] for trace in record.traces] for k, name in enumerate(record.measured)}
-    values |= {name: [trace.u[:, record.inputs.index(name)] for trace in record.traces] for name in context.inputs}
-    ends = {name: case.domain.X[name] for name in context.states if name not in case.domain.periodic}
-    ends |= {name: (float(u.min()), float(u.max())) for name in context.inputs for u in [case.domain.U[name].list()]}
+    y, u = (np.concatenate([getattr(trace, n) for trace in record.traces]) for n in ("y", "u"))
+    values = dict(zip((*record.measured, *record.inputs), (*y.T, *u.T), strict=True))
+    states = [n for n in context.states if n in values and n not in case.domain.periodic]
+    ends = [(n, "X", *case.domain.X[n]) for n in states]
+    ends += [(n, "U", float(own.min()), float(own.max())) for n in context.inputs for own in [case.domain.U[n].list()]]
     outside_parts, any_of = [], np.zeros(record.rows, dtype=bool)
-    for name, (lo, hi) in ends.items():
-        if name not in values:
-            continue
-        own = np.concatenate(values[name])
-        slack = ROUNDED * max(hi - lo, abs(lo), abs(hi))
-        out = (own < lo - slack) | (own > hi + slack)
+    for name, where, lo, hi in ends:
+        beyond = np.maximum(lo - values[name], values[name] - hi)
+        out = beyond > ROUNDED * max(hi - lo, abs(lo), abs(hi))
         any_of |= out
         if out.any():
-            where, unit = ("X" if name in context.states else "U"), pretty_unit(context.units[name])
-            far = float(own[np.argmax(np.maximum(lo - own, own - hi))])
+            far, unit = float(values[name][np.argmax(beyond)]), pretty_unit(context.units[name])
             outside_parts.append(f"{name} reaches {number(far, 3)} {unit}, {where} [{number(lo, 3)}, {number(hi, 3)}]")
     if not outside_parts:
         return None
@@ -129,7 +126,7 @@ def run(
             log.warning("%s", warning)
         record, names = under_conditions(reading, model, section.conditions)
         tell("searching for what the model lacks")
-        found, mended = diagnose_mended(conditioned(model, names), record, _settings(section, reading), tell)
+        found, mended = diagnose_mended(conditioned(model, names), record, settings_of(section, reading), tell)
         reading = replace(reading, record=mended)
         if (beyond_domain := outside(context, mended)) is not None:
             log.warning("%s", beyond_domain)
@@ -195,7 +192,8 @@ def _paths(context: Context, section: MeasuredSection, data: Sequence[Path]) -> 
     return named_recordings(context.path, section.files)
 
 
-def _settings(section: MeasuredSection, reading: Reading) -> DiagnosisSettings:
+def settings_of(section: MeasuredSection, reading: Reading) -> DiagnosisSettings:
+    """What the case asks of a diagnosis of these recordings."""
     return DiagnosisSettings(
         window_s=section.window_s,
         horizon_s=section.horizon_s,

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simgap.diagnosis.arms.inertia import base_parameters, consistent, possible
+from simgap.diagnosis.arms.inertia import base_parameters, consistent
 from simgap.errors import UserError
 from simgap.io.model_export import with_inertial
-from simgap.model.tree import forces, regressor
+from simgap.model.tree import forces, regressor, symmetric
 from simgap.plants.plant_model import load_plant
 from simgap.plants.urdf import load_tree, multibody_plant
 from simgap.plants.urdf_checks import check_urdf
@@ -156,6 +156,15 @@ def test_a_closed_chain_is_refused(tmp_path):
     with pytest.raises(UserError, match="'joint4' and 'back' both carry it: a closed chain") as error:
         check_urdf(tmp_path / "rig.urdf")
     assert "Open the chain" in str(error.value)
+
+
+def possible(inertial):
+    """Whether a body can have these parameters, (10,): its pseudo-inertia is positive semidefinite, up to rounding."""
+    tensor, pseudo = symmetric(inertial[4:]), np.zeros((4, 4))
+    pseudo[:3, :3] = 0.5 * np.trace(tensor) * np.eye(3) - tensor
+    pseudo[:3, 3] = pseudo[3, :3] = inertial[1:4]
+    pseudo[3, 3] = inertial[0]
+    return np.linalg.eigvalsh(pseudo)[0] >= -1e-9 * max(1.0, np.abs(pseudo).max())
 
 
 def test_inertial_parameters_that_were_found_are_those_of_bodies_and_go_to_a_urdf(tmp_path):

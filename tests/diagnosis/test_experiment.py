@@ -17,7 +17,7 @@ from simgap.effects import AppliedEffect
 from simgap.excitation import multisine
 from simgap.extras.experiment.ask import Question, as_usable, ask, halves, shortest, windows_to_come
 from simgap.extras.experiment.beside import beside
-from simgap.extras.experiment.propose import Wave, random_wave, tried, waves
+from simgap.extras.experiment.propose import Wave, tried, waves
 from simgap.extras.experiment.rivals import known_rivals, margins
 from simgap.extras.experiment.words import paragraph
 from simgap.geometry import Box
@@ -154,12 +154,12 @@ def test_under_known_conditions_the_better_one_is_proposed_and_said():
     )
     both = Record(traces, ("x",), ("u", "m"))
     asked = question(both, DRAG, PULL, model=conditioned(rail(), ["m"]))
-    asked = replace(asked, conditions=((MASS,), (3.0 * MASS,)), units={"u": "N", "x": "m"})
+    asked = replace(asked, conditions=((MASS,), (3.0 * MASS,)))
     advice = ask(asked, np.random.default_rng(1))
     held = advice.bench.held
     assert held in asked.conditions
     assert np.all(advice.proposal.best.u[:, 1] == held[0])
-    said = paragraph(asked, advice, asked.units, "input.csv")
+    said = paragraph(asked, advice, {"u": "N", "x": "m"}, "input.csv")
     assert f"with m = {held[0]:g} kg" in said
     assert "viscous friction at the rail and spring at the rail" in said
     # the other condition would have told them less surely
@@ -171,7 +171,7 @@ def test_under_known_conditions_the_better_one_is_proposed_and_said():
 
 def test_waves_keep_to_the_range_and_hold_slow_and_fast_ones():
     t = np.arange(500) / 100.0
-    every = [*waves(t, 2, np.random.default_rng(0)), random_wave(t, 2, np.random.default_rng(0))]
+    every = list(waves(t, 2, np.random.default_rng(0)))
     assert all(w.u.shape == (500, 2) and np.abs(w.u).max() <= 1.0 + 1e-9 for w in every)
     names = " ".join(w.name for w in every)
     assert all(word in names for word in ("multisine", "chirp", "steps", "ramps", "holds", "all inputs"))

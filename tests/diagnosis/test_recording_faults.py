@@ -81,13 +81,13 @@ def test_errors_of_prediction_are_white():
     y = rigs.ar1(rng, 40_000, 0.8, 0.03, dt) + 0.6 * rng.standard_normal(40_000)
     colour = Colour(np.array([0.64]), np.array([0.03]), dt)
     e = y[:, None].copy()
-    whiten(e, np.array([0, len(e)]), *colour.predictors)
+    whiten(e, np.array([0, len(e)]), *colour.memory)
     assert np.std(e) == pytest.approx(1.0, abs=0.02)
     assert abs(np.corrcoef(e[1:, 0], e[:-1, 0])[0, 1]) < 0.015
     means = y.reshape(-1, 5).mean(axis=1)
     after, spread = colour.of_blocks(5, True)
     e = means[:, None] / spread
-    whiten(e, np.array([0, len(e)]), *after.predictors)
+    whiten(e, np.array([0, len(e)]), *after.memory)
     assert np.std(e) == pytest.approx(1.0, abs=0.03)
 
 

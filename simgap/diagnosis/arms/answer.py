@@ -60,9 +60,8 @@ class ArmDiagnosis:
         base: every base parameter; payloads: what was mounted.
         before, after, floor: RMS error of each input's torque on *confirm*; the floor is what white noise of the
             torques leaves behind the filter.
-        per_trace: trace of *confirm* -> (before, after), input -> RMS each.
-        beyond_friction: trace of *confirm* -> input -> RMS after, where a joint at rest counts only with what the dry
-            friction that was found cannot hold.
+        by_trace: trace of *confirm* -> `before`, `after`, and `after_beyond_friction`, where a joint at rest counts
+            only with what the dry friction that was found cannot hold: input -> RMS each.
         excess_share: excess over the floor, after over before.
         explained_error: where more than the floor is left, as of every diagnosis.
         folds: fold -> traces; whole: whether they are whole traces.
@@ -83,8 +82,7 @@ class ArmDiagnosis:
     before: Mapping[str, float]
     after: Mapping[str, float]
     floor: Mapping[str, float]
-    per_trace: Mapping[str, tuple[Mapping[str, float], Mapping[str, float]]]
-    beyond_friction: Mapping[str, Mapping[str, float]]
+    by_trace: Mapping[str, Mapping[str, Mapping[str, float]]]
     excess_share: float
     explained_error: tuple[float, float, float] | None
     folds: Mapping[str, tuple[str, ...]]
@@ -157,37 +155,37 @@ def answer(
     scored = (_scored(part, theta, found, heard) for part, theta in ((folds.confirm, zero), (confirm, found.used)))
     gain = gained(*(each.density() for each in scored)) if heard else Gain(0.0, math.inf)
     base = _base(tree, found)
-    effects = (*_gains(found, inputs), *_terms(found, tree, inputs, units), *_links(base, found))
+    effects = (*_gains(found, inputs), *_terms(found, tree, inputs, units), *_links(base))
     word = verdict(*errors, gain, bool(effects))
     rows = (folds.fit.live.sum(axis=0) + folds.choose.live.sum(axis=0)) / found.correlated
 
     def by_input(x: Floats) -> dict[str, float]:
         return dict(zip(inputs, map(float, x), strict=True))
 
-    per_trace = {
-        names[k]: (by_input(rms(folds.confirm, zero, k)), by_input(rms(confirm, found.used, k)))
-        for k in np.unique(folds.confirm.trace)
-    }
     stuck = np.zeros(tree.size)
     for k in found.active:
         if found.keys[k].effect == "coulomb_friction":
             stuck[tree.joints.index(found.keys[k].on)] = found.used[k]
-    beyond = {names[k]: by_input(rms(confirm, found.used, k, stuck)) for k in np.unique(folds.confirm.trace)}
-    named = word in ("attributed", "partial")
+    by_trace = {
+        names[k]: {
+            "before": by_input(rms(folds.confirm, zero, k)),
+            "after": by_input(rms(confirm, found.used, k)),
+            "after_beyond_friction": by_input(rms(confirm, found.used, k, stuck)),
+        }
+        for k in np.unique(folds.confirm.trace)
+    }
+    effects = effects if word in ("attributed", "partial") else ()
     kept = [e for e in effects if e.name != INERTIAL]
     return ArmDiagnosis(
         verdict=word,
-        effects=effects if named else (),
-        applied=tuple(AppliedEffect(e.name, e.on, {s: p.value for s, p in e.parameters.items()}) for e in kept)
-        if named
-        else (),
+        effects=effects,
+        applied=tuple(AppliedEffect(e.name, e.on, {s: p.value for s, p in e.parameters.items()}) for e in kept),
         base=base,
         payloads=_payloads(found, payloads),
         before=by_input(before),
         after=by_input(after),
         floor=by_input(found.noise),
-        per_trace=per_trace,
-        beyond_friction=beyond,
+        by_trace=by_trace,
         excess_share=share,
         explained_error=gain.share if word == "partial" else None,
         folds=folds.traces,
@@ -281,7 +279,7 @@ def _base(tree: Tree, found: Found) -> tuple[BaseParameter, ...]:
     return tuple(rows)
 
 
-def _links(base: Sequence[BaseParameter], found: Found) -> list[FoundEffect]:
+def _links(base: Sequence[BaseParameter]) -> list[FoundEffect]:
     """One effect a link: its combinations that are not as declared."""
     out: dict[str, dict[str, Estimate]] = {}
     for b in base:

@@ -15,8 +15,8 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.diagnosis.arms.answer import ArmDiagnosis, Found, answer
-from simgap.diagnosis.arms.fit import admissible, choose, correlation_rows, solve, spread, standard_errors
-from simgap.diagnosis.arms.gains import SAID, gains, lone_gains, open_gains, scaled
+from simgap.diagnosis.arms.fit import Choice, admissible, choose, correlation_rows, solve, spread, standard_errors
+from simgap.diagnosis.arms.gains import SAID, Gains, gains, lone_gains, open_gains, scaled
 from simgap.diagnosis.arms.inertia import BaseParameters, Consistent, base_parameters, consistent
 from simgap.diagnosis.arms.motion import motions, rest_speeds
 from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, TERMS, Key, Part, Payload, folds_of, keys_of, part_of
@@ -71,28 +71,9 @@ def diagnose_arm(
     weighed = any(p.mass is not None for p in settings.payloads)
     faults, silent, said = faulty_columns(folds.fit.beside(folds.choose), len(base.kept), inputs)
     folds = replace(folds, fit=without(folds.fit, silent), choose=without(folds.choose, silent))
-    fit, judge = folds.fit, folds.choose
-    weights, correlated = _weights(fit, len(keys))
     tell(f"{len(base.kept)} combinations of inertial parameters, {len(TERMS)} effects of each joint")
-    known, most, drives = fit.beside(judge), settings.most, None
-    g: Floats | None
-    if weighed:
-        g = open_gains(fit, shared, weights, correlated)
-    else:
-        chosen = choose(keys, fit, judge, weights, correlated, most, tree.size)
-        g = lone_gains(keys, inputs, fit, judge, weights, correlated, most, chosen.bic)
-    if g is not None:  # gains first: with wrong ones no choice among the rest is right
-        fit, judge = scaled(fit, g, shared), scaled(judge, g, shared)
-        scales = _weights(fit, len(keys))
-        right = choose(keys, fit, judge, *scales, most, tree.size)
-        # other bodies beside gains: nothing tells the one from the other, but for a known mass
-        if weighed or not any(keys[k].effect == INERTIAL for k in right.active):
-            active, theta, _ = _settled(keys, fit.beside(judge), scales[0], right.active)
-            right = replace(right, active=active)
-            among = [j for j in range(tree.size) if weighed or g[j] != 1.0]
-            drives = gains(known, active, [k for k in active if k in shared], theta, *scales, among)
-        if weighed or drives is not None:  # else what was chosen beside them goes with them
-            chosen, (weights, correlated) = right, scales
+    chosen, weights, correlated, drives = _chosen(keys, inputs, folds.fit, folds.choose, shared, weighed, settings.most)
+    known = folds.fit.beside(folds.choose)
     if drives is not None:
         known = scaled(known, drives.g, shared)
         said = said if weighed else (*said, SAID)
@@ -109,12 +90,40 @@ def diagnose_arm(
     return answer(tree, found, folds, names, inputs, units, settings.payloads, every[0].low_pass.cut)
 
 
+def _chosen(
+    keys: Sequence[Key], inputs: Sequence[str], fit: Part, judge: Part, shared: Sequence[int], weighed: bool, most: int
+) -> tuple[Choice, Floats, Floats, Gains | None]:
+    """Columns with weights and correlations of the joints, and drive gains where these explain *choose* better.
+
+    Gains come first: with wrong ones no choice among the rest is right. Where other bodies stand beside them nothing
+    tells the one from the other but a known mass, and what was chosen without gains stays.
+    """
+    weights, correlated = _weights(fit, len(keys))
+    g: Floats | None
+    if weighed:
+        g = open_gains(fit, shared, weights, correlated)
+    else:
+        chosen = choose(keys, fit, judge, weights, correlated, most, len(inputs))
+        g = lone_gains(keys, inputs, fit, judge, weights, correlated, most, chosen.bic)
+        if g is None:
+            return chosen, weights, correlated, None
+    known, fit, judge = fit.beside(judge), scaled(fit, g, shared), scaled(judge, g, shared)
+    scales, drives = _weights(fit, len(keys)), None
+    right = choose(keys, fit, judge, *scales, most, len(inputs))
+    if weighed or not any(keys[k].effect == INERTIAL for k in right.active):
+        active, theta, _ = _settled(keys, fit.beside(judge), scales[0], right.active)
+        right = replace(right, active=active)
+        among = [j for j in range(len(inputs)) if weighed or g[j] != 1.0]
+        drives = gains(known, active, [k for k in active if k in shared], theta, *scales, among)
+    return (right, *scales, drives) if weighed or drives is not None else (chosen, weights, correlated, None)
+
+
 def _weights(part: Part, size: int) -> tuple[Floats, Floats]:
     """(n,) one over the spread that every column together leaves, and rows that count as one there."""
     weights = 1.0 / np.maximum(spread(part, np.zeros(size)), 1e-12)
     theta = np.zeros(size)
     for _ in range(3):
-        theta = solve(*part.grams(weights), range(size), size).theta
+        theta = solve(*part.grams(weights), range(size))
         weights = 1.0 / np.maximum(spread(part, theta), 1e-12)
     return weights, correlation_rows(part, theta)
 
@@ -125,11 +134,11 @@ def _settled(
     """Coefficients on fit and choose; terms whose 95 % interval holds 0, or of the wrong sign, go one by one."""
     gram, right = known.grams(weights)
     while True:
-        solution = solve(gram, right, active, len(keys))
-        errors = standard_errors(known, solution, weights, correlation_rows(known, solution.theta))
-        doubtful = _doubtful(keys, active, solution.theta, errors)
+        theta = solve(gram, right, active)
+        errors = standard_errors(known, theta, active, weights, correlation_rows(known, theta))
+        doubtful = _doubtful(keys, active, theta, errors)
         if not doubtful:
-            return active, solution.theta, errors
+            return active, theta, errors
         least = min(doubtful, key=lambda k: doubtful[k])
         active = tuple(k for k in active if k != least)
 
@@ -165,7 +174,7 @@ def _of_bodies(
     own = np.zeros(len(keys))
     own[:size] = base.combine @ bodies.inertial.ravel() - declared
     while True:
-        used = own + solve(gram, right - gram @ own, rest, len(keys)).theta
+        used = own + solve(gram, right - gram @ own, rest)
         doubtful = _doubtful(keys, rest, used, errors)
         if not doubtful:
             return used, bodies

@@ -24,21 +24,12 @@ EXPECTED = ("viscous_friction", "coulomb_friction")
 """What every drive with a gear has."""
 
 
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """Coefficients of the active columns: (p,), 0 elsewhere."""
-
-    active: tuple[int, ...]
-    theta: Floats
-
-
-def solve(gram: Floats, right: Floats, active: Sequence[int], size: int) -> Solution:
-    """Least squares over the active columns alone; directions that the data do not show stay 0."""
-    theta = np.zeros(size)
-    if len(active):
-        own = np.array(active)
+def solve(gram: Floats, right: Floats, active: Sequence[int]) -> Floats:
+    """Least squares over the active columns alone, (p,); directions that the data do not show stay 0."""
+    theta, own = np.zeros(len(right)), np.array(active, dtype=np.int64)
+    if len(own):
         theta[own] = inverted(gram[np.ix_(own, own)]) @ right[own]
-    return Solution(tuple(active), theta)
+    return theta
 
 
 def residual(part: Part, theta: Floats) -> Floats:
@@ -60,27 +51,18 @@ def correlation_rows(part: Part, theta: Floats) -> Floats:
     return np.array([samples_as_one([own[:, [j]] for own in stretches], max(len(left) // 4, 1)) for j in joints])
 
 
-def score(part: Part, theta: Floats, count: int, together: Floats) -> float:
-    """BIC of coefficients on a part: rows of a joint count as N / `together` independent ones."""
-    left, rows = residual(part, theta), part.live.sum(axis=0)
-    independent = np.maximum(rows / together, 1.0)
-    mean = (part.live * left**2).sum(axis=0) / np.maximum(rows, 1.0)
-    return float(independent @ np.log(np.maximum(mean, 1e-300)) + count * np.log(independent.sum()))
-
-
-def standard_errors(part: Part, solution: Solution, weights: Floats, together: Floats) -> Floats:
+def standard_errors(part: Part, theta: Floats, active: Sequence[int], weights: Floats, together: Floats) -> Floats:
     """(p,) standard errors that hold for residuals which are correlated in time and among joints.
 
     Newey, West (1987), Econometrica 55(3): the scores' autocovariances with Bartlett's weights, to three times the
     longest correlation.
     """
-    own = np.array(solution.active, dtype=np.int64)
-    out = np.zeros(len(solution.theta))
+    own, out = np.array(active, dtype=np.int64), np.zeros(len(theta))
     if not len(own):
         return out
     w = part.live * weights**2
     x = part.x[:, :, own]
-    scores = np.einsum("rjp,rj->rp", x, w * residual(part, solution.theta))
+    scores = np.einsum("rjp,rj->rp", x, w * residual(part, theta))
     gram = np.einsum("rjp,rjq->pq", x * w[:, :, None], x, optimize=True)
     reach = int(min(3 * together.max(), len(scores) / 8))
     middle = scores.T @ scores
@@ -111,10 +93,10 @@ def choose(
     payload = tuple(k for k, key in enumerate(keys) if key.effect == PAYLOAD)
     first = len(inertial)
     per_joint = [range(first + j * len(TERMS), first + (j + 1) * len(TERMS)) for j in range(joints)]
-    found = []
-    for given in (payload, (*inertial, *payload)):
-        found.append(forward(keys, gram, right, judge, together, given, per_joint, most))
-    declared, free = found
+    declared, free = (
+        forward(keys, gram, right, judge, together, given, per_joint, most)
+        for given in (payload, (*inertial, *payload))
+    )
     return free if free.bic < declared.bic - BIC_GAIN else declared
 
 
@@ -134,7 +116,8 @@ def forward(
                 if k in active or not _own_direction(gram, active, k):
                     continue
                 trial = (*active, k)
-                if not physical(keys, solve(gram, right, trial, len(keys))):
+                theta = solve(gram, right, trial)
+                if not all(admissible(keys[i], float(theta[i])) for i in trial):
                     continue
                 value = _bic(gram, right, judge, together, trial)
                 enough = AS_GOOD if keys[k].effect in EXPECTED else BIC_GAIN
@@ -146,13 +129,8 @@ def forward(
         bic, active = best[0], (*active, best[1])
 
 
-def physical(keys: Sequence[Key], found: Solution) -> bool:
-    """Whether every term keeps the limits of its effect, such as a friction that does not push."""
-    return all(admissible(keys[k], float(found.theta[k])) for k in found.active)
-
-
 def admissible(key: Key, value: float) -> bool:
-    """Whether an effect's parameter may have that value; whatever is no term of a joint may."""
+    """Whether an effect's parameter may have that value, such as a friction that does not push; no limit for others."""
     if key.effect not in TERMS:
         return True
     (p,) = effect(key.effect).parameters
@@ -160,7 +138,11 @@ def admissible(key: Key, value: float) -> bool:
 
 
 def _bic(gram: Floats, right: Floats, judge: Part, together: Floats, active: tuple[int, ...]) -> float:
-    return score(judge, solve(gram, right, active, len(gram)).theta, len(active), together)
+    """Of coefficients on a part that they were not fitted to: rows count as N / `together` independent ones."""
+    left, rows = residual(judge, solve(gram, right, active)), judge.live.sum(axis=0)
+    independent = np.maximum(rows / together, 1.0)
+    mean = (judge.live * left**2).sum(axis=0) / np.maximum(rows, 1.0)
+    return float(independent @ np.log(np.maximum(mean, 1e-300)) + len(active) * np.log(independent.sum()))
 
 
 def _own_direction(gram: Floats, active: tuple[int, ...], k: int) -> bool:

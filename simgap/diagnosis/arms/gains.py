@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.diagnosis.arms.fit import Solution, forward, solve, standard_errors
+from simgap.diagnosis.arms.fit import forward, solve, standard_errors
 from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, TERMS, Key, Part
 from simgap.diagnosis.thresholds import BIC_GAIN, MOST, SURE
 
@@ -40,26 +40,22 @@ def lone_gains(
     """
     n, size = len(inputs), len(keys)
     wider = [*keys, *(Key(GAIN, name, "ratio") for name in inputs)]
-    fitted, judged = (_with_bodies(part) for part in (fit, judge))
+    fitted, judged = (replace(p, x=np.concatenate([p.x, _for_gains(p.torque - p.y)], axis=2)) for p in (fit, judge))
     first = sum(key.effect == INERTIAL for key in keys)
     given = tuple(k for k, key in enumerate(keys) if key.effect == PAYLOAD)
     own = [(*range(first + j * len(TERMS), first + (j + 1) * len(TERMS)), size + j) for j in range(n)]
     gram, right = fitted.grams(weights)
     chosen = forward(wider, gram, right, judged, together, given, own, most)
-    g = 1.0 + solve(gram, right, chosen.active, len(wider)).theta[size:]
+    g = 1.0 + solve(gram, right, chosen.active)[size:]
     off = int(np.sum(g != 1.0))
     if chosen.bic >= bic - BIC_GAIN or not 0 < off <= MOST * n or not np.all(g > 0.0):
         return None
     return np.asarray(g)
 
 
-def _with_bodies(part: Part) -> Part:
-    """The rows with a column for each drive: the torque that the declared bodies ask for there."""
-    n = part.y.shape[1]
-    columns = np.zeros((*part.y.shape, n))
-    for j in range(n):
-        columns[:, j, j] = (part.torque - part.y)[:, j]
-    return replace(part, x=np.concatenate([part.x, columns], axis=2))
+def _for_gains(bodies: Floats) -> Floats:
+    """A column for each drive, (R, n, n): the torque that bodies ask for there, (R, n)."""
+    return np.asarray(bodies[:, :, None] * np.eye(bodies.shape[1]))
 
 
 _ROUNDS = 30
@@ -119,32 +115,19 @@ def _settled(
 ) -> Gains | None:  # fmt: skip
     """Gauss-Newton over the open gains and the active columns."""
     n, size = part.y.shape[1], len(theta)
-    own = [k for k in active if k not in shared]
     free = [*open_, *(n + k for k in active)]
     g, at = np.ones(n), theta.copy()
     for _ in range(_ROUNDS):
-        rows = _linearised(part, g, at, shared, own)
+        rows = scaled(part, g, shared)  # what is left of them, with a column for each gain in front of the others
+        columns = _for_gains(part.torque - part.y + part.x[:, :, shared] @ at[shared])
+        rows = replace(rows, x=np.concatenate([columns, rows.x], axis=2), y=rows.y - rows.x @ at)
         gram, right = rows.grams(weights)
-        step = solve(gram, right, free, n + size).theta
+        step = solve(gram, right, free)
         g, at = g + step[:n], at + step[n:]
         if not np.all(g > 0.0):
             return None
         if np.abs(step[:n]).max() < _SETTLED:
             left = replace(rows, y=rows.y - rows.x @ step)
-            errors = standard_errors(left, Solution(tuple(free), np.zeros(n + size)), weights, correlated)
+            errors = standard_errors(left, np.zeros(n + size), free, weights, correlated)
             return Gains(g, errors[:n], errors[n:])
     return None
-
-
-def _linearised(part: Part, g: Floats, theta: Floats, shared: Sequence[int], own: Sequence[int]) -> Part:
-    """Rows of what is left, with a column for each gain in front of the others."""
-    n = len(g)
-    bodies = part.torque - part.y + part.x[:, :, shared] @ theta[shared]
-    columns = np.zeros((*part.y.shape, n + len(theta)))
-    for j in range(n):
-        columns[:, j, j] = bodies[:, j]
-    for k in shared:
-        columns[:, :, n + k] = g * part.x[:, :, k]
-    for k in own:
-        columns[:, :, n + k] = part.x[:, :, k]
-    return replace(part, x=columns, y=part.torque - g * bodies - part.x[:, :, own] @ theta[own])

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from simgap.arrays import Floats, Ints
-from simgap.model.tree import UNITS, Tree, regressor, symmetric
+from simgap.model.tree import UNITS, Tree, regressor
 
 _OWN = 1e-8  # columns of the regressor at random motions with a smaller share of their own are combinations of others
 _DECLARED = 1e-3  # weight, in squared standard errors, of the declared numbers where the motion shows none
@@ -130,16 +130,6 @@ def consistent(tree: Tree, base: BaseParameters, found: Floats, information: Flo
     inertial = np.array(p.value)
     off = root @ (base.combine @ inertial.ravel() - found)
     return Consistent(inertial, float(np.sqrt(off @ off / len(found))))
-
-
-def possible(inertial: Floats) -> bool:
-    """Whether a body can have these parameters, (10,): its pseudo-inertia is positive semidefinite, up to rounding."""
-    tensor = symmetric(inertial[4:])
-    pseudo = np.zeros((4, 4))
-    pseudo[:3, :3] = 0.5 * np.trace(tensor) * np.eye(3) - tensor
-    pseudo[:3, 3] = pseudo[3, :3] = inertial[1:4]
-    pseudo[3, 3] = inertial[0]
-    return bool(np.linalg.eigvalsh(pseudo)[0] >= -1e-9 * max(1.0, float(np.abs(pseudo).max())))
 
 
 def _pseudo(p: Any, k: int) -> Any:

@@ -27,7 +27,7 @@ TERMS: Mapping[str, Callable[[Floats, Floats, Floats], Floats]] = {
     "reflected_inertia": lambda v, way, a: a,
     "input_bias": lambda v, way, a: -np.ones_like(v),
 }
-"""Effects with one number that enters linearly: (velocity, direction, acceleration), (N,) each -> (N,) torque for a
+"""Effects with one number that enters linearly: (velocity, direction, acceleration) of joints -> their torque for a
 parameter of 1; direction is the sign of the velocity, and between -1 and 1 at rest."""
 
 
@@ -120,19 +120,13 @@ def part_of(
         whole = m.low_pass(regressor(tree, m.q, m.v, m.a))[m.used]
         felt = m.low_pass(m.a)  # as in the regressor: an inertia of bodies and of a rotor are compared alike
         way = m.low_pass(np.clip(m.v / (MATTERS * rest), -1.0, 1.0))
-        terms = np.zeros((*m.q.shape, tree.size, len(TERMS)))
-        for j in range(tree.size):
-            for k, column in enumerate(TERMS.values()):
-                terms[:, j, j, k] = column(m.v[:, j], way[:, j], felt[:, j])
-        rows = terms[m.used].reshape(len(whole), tree.size, -1)
+        terms = np.stack([column(m.v, way, felt)[m.used] for column in TERMS.values()], axis=2)
+        rows = (terms[:, :, None] * np.eye(tree.size)[:, :, None]).reshape(len(whole), tree.size, -1)
         weight, carried = _payloads(whole, tree, payloads, m.trace)
         torque = m.torque[m.used] * known.get("input_gain", np.ones(tree.size))
         missing = torque - whole @ tree.inertial.ravel() - m.v[m.used] * tree.damping - weight
-        for name, values in known.items():
-            if name == "input_gain":
-                continue
-            k = list(TERMS).index(name)
-            missing -= np.stack([terms[m.used][:, j, j, k] * values[j] for j in range(tree.size)], axis=1)
+        for k, name in enumerate(TERMS):
+            missing -= terms[:, :, k] * known.get(name, 0.0)
         xs.append(np.concatenate([whole[:, :, base.kept], rows, *carried], axis=2))
         ys.append(missing)
         lives.append((np.abs(m.v[m.used]) > rest).astype(np.float64))

@@ -117,10 +117,10 @@ def _line(part: Part, first: int, j: int, model: int) -> _Line:
     live = (part.live[:, j] * part.live[:, model])[:, None]
     rows = Part(x, part.torque[:, [j]], live, part.trace, part.t, part.torque[:, [j]])
     gram, right = rows.grams(np.ones(1))
-    found, bare = solve(gram, right, range(4), 4), solve(gram, right, range(1, 4), 4)
-    one = solve(gram, right - gram[:, 0], range(1, 4), 4).theta + np.array([1.0, 0.0, 0.0, 0.0])
-    errors = standard_errors(rows, found, np.ones(1), correlation_rows(rows, found.theta))
-    return _Line(found.theta, errors, *(float(spread(rows, theta)[0]) for theta in (found.theta, one, bare.theta)))
+    found, bare = solve(gram, right, range(4)), solve(gram, right, range(1, 4))
+    one = solve(gram, right - gram[:, 0], range(1, 4)) + np.array([1.0, 0.0, 0.0, 0.0])
+    errors = standard_errors(rows, found, range(4), np.ones(1), correlation_rows(rows, found))
+    return _Line(found, errors, *(float(spread(rows, theta)[0]) for theta in (found, one, bare)))
 
 
 def _scaled(name: str, slope: float) -> str:

@@ -100,15 +100,6 @@ class Converted:
     turns: Mapping[str, tuple[float, bool | None]]
 
 
-def measured_states(table: RawTable, channels: Sequence[Channel]) -> tuple[str, ...]:
-    """The states that the file holds, in the model's order.
-
-    Raises:
-        UserError: as `measured_columns`.
-    """
-    return measured_columns(table.file, table.header, table.units, channels)
-
-
 def measured_columns(
     file: str, header: Sequence[str], units: Mapping[str, str], channels: Sequence[Channel]
 ) -> tuple[str, ...]:

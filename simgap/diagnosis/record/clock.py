@@ -123,11 +123,6 @@ def kept(t: Floats, masks: Sequence[Mask]) -> Bools:
     return np.broadcast_to((inside | (not keeps)) & ~outside, t.shape)
 
 
-def gap_limit(intervals: Floats) -> float:
-    """The interval beyond which a trace is split, (n,) s -> s: five times the one that 95 % of the samples keep."""
-    return 5.0 * float(np.quantile(intervals, 0.95))
-
-
 def pieces(t: Floats, inside: Bools, limit: float) -> list[slice]:
     """Runs of consecutive stamps (n,) s that are `inside` (n,) and never further apart than `limit` seconds."""
     index = np.flatnonzero(inside)
@@ -138,6 +133,10 @@ def pieces(t: Floats, inside: Bools, limit: float) -> list[slice]:
     return [slice(int(index[a]), int(index[b - 1]) + 1) for a, b in zip(starts, stops, strict=True)]
 
 
+_COUNTED = ("repeated", "masked", "gaps", "short_pieces", "short_rows")
+"""What of a trace is treated otherwise than used as it is: rows or pieces, as `FileNotes` names them."""
+
+
 @dataclass(frozen=True, eq=False)
 class Split:
     """Pieces of one trace, and how many rows or pieces were treated how.
@@ -145,16 +144,13 @@ class Split:
     Attributes:
         pieces: stamps (n,) and channels (n, m) of each.
         samples: rows with stamps of their own.
+        counts: by name, as in `FileNotes`.
         unwrapped: columns that jumped by full turns.
     """
 
     pieces: tuple[tuple[Floats, Floats], ...]
     samples: int
-    repeated: int = 0
-    masked: int = 0
-    gaps: int = 0
-    short_pieces: int = 0
-    short_rows: int = 0
+    counts: Mapping[str, int]
     unwrapped: tuple[int, ...] = ()
 
 
@@ -173,16 +169,16 @@ def split(
         block: (n, m) channels.
         turns: for the columns that may be wrapped: a full turn, and whether they are (None: the data decide).
         masks: stretches to keep or to drop.
-        gap_s: a longer interval (s) ends a piece; None: `gap_limit` of the intervals.
+        gap_s: a longer interval (s) ends a piece; None: five times the one that 95 % of the samples keep.
         window_s: shortest piece (s).
     """
     if not np.any(np.diff(t) > 0.0):
-        return Split((), samples=min(t.size, 1), short_pieces=1, short_rows=int(t.size))
+        return Split((), min(t.size, 1), dict(zip(_COUNTED, (0, 0, 0, 1, int(t.size)), strict=True)))
     block, unwrapped = _unwrapped(t, block, turns)  # before repeats are averaged: a mean across a wrap is neither side
     t, block, repeated = merge_repeats(t, block)
     inside = kept(t, masks)
     steps = np.diff(t)
-    limit = gap_limit(steps) if gap_s is None else gap_s
+    limit = 5.0 * float(np.quantile(steps, 0.95)) if gap_s is None else gap_s
     out, short = [], []
     for piece in pieces(t, inside, limit):
         long = t[piece.stop - 1] - t[piece.start] >= window_s * (1 - 1e-9) and piece.stop - piece.start >= MIN_SAMPLES
@@ -190,16 +186,15 @@ def split(
             out.append((t[piece], block[piece]))
         else:
             short.append(piece.stop - piece.start)
-    return Split(
-        tuple(out),
-        samples=int(t.size),
-        repeated=repeated,
-        masked=int(np.count_nonzero(~inside)),
-        gaps=int(np.count_nonzero((steps > limit) & inside[1:] & inside[:-1])),
-        short_pieces=len(short),
-        short_rows=sum(short),
-        unwrapped=unwrapped,
-    )
+    masked, gaps = (int(np.count_nonzero(x)) for x in (~inside, (steps > limit) & inside[1:] & inside[:-1]))
+    counts = {
+        "repeated": repeated,
+        "masked": masked,
+        "gaps": gaps,
+        "short_pieces": len(short),
+        "short_rows": sum(short),
+    }
+    return Split(tuple(out), int(t.size), counts, unwrapped)
 
 
 def _unwrapped(

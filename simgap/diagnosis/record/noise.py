@@ -25,15 +25,15 @@ ORDER = 6
 _BLOCK = 50_000  # rows at a time: memory stays small for long records
 
 
-def difference_weights(t: Floats, order: int = ORDER) -> Floats:
-    """Weights of the divided differences over true times, scaled to unit length: (n,) -> (n - order, order + 1).
+def difference_weights(t: Floats) -> Floats:
+    """Weights of the sixth divided differences over true times, scaled to unit length: (n,) -> (n - 6, 7).
 
-    A row is orthogonal to every polynomial below `order` at its stamps. For even spacing it is the binomial difference
-    over sqrt(C(2 order, order)), sqrt(924) for the sixth.
+    A row is orthogonal to every polynomial below that order at its stamps. For even spacing it is the binomial
+    difference over sqrt(924).
     """
-    stamps = np.lib.stride_tricks.sliding_window_view(t, order + 1)
-    scale = (stamps[:, -1] - stamps[:, 0])[:, None] / order
-    gaps = (stamps[:, :, None] - stamps[:, None, :]) / scale[:, :, None] + np.eye(order + 1)
+    stamps = np.lib.stride_tricks.sliding_window_view(t, ORDER + 1)
+    scale = (stamps[:, -1] - stamps[:, 0])[:, None] / ORDER
+    gaps = (stamps[:, :, None] - stamps[:, None, :]) / scale[:, :, None] + np.eye(ORDER + 1)
     weights = 1.0 / np.prod(gaps, axis=2)
     return weights / np.linalg.norm(weights, axis=1, keepdims=True)
 

@@ -8,11 +8,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from simgap.arrays import Bools, Floats
+from simgap.arrays import Floats
 from simgap.diagnosis.record.faults.columns import VelocityLag, velocity_lag
 from simgap.diagnosis.record.faults.registry import READINGS, mended
 from simgap.diagnosis.record.noise import resolution, worth
-from simgap.diagnosis.record.record import Record, Trace, runs
+from simgap.diagnosis.record.record import Record, runs
 from simgap.diagnosis.thresholds import A_FEW, BRIEF_S, FAR, MATTERS, MOST, SELDOM, SEVERAL
 from simgap.late import sympy as sp
 from simgap.model.symbolic import Coordinate, SymbolicModel, symbol
@@ -39,7 +39,8 @@ def still_stretches(record: Record, sigma: Floats) -> tuple[Stretch, ...]:
     limit = 2.0 * FAR * sigma
     found: list[Stretch] = []
     for trace in record.traces:
-        edges = _block_edges(trace)
+        blocks = np.searchsorted(trace.t, np.arange(trace.t[0], trace.t[-1], BRIEF_S))
+        edges = np.unique(np.append(blocks, len(trace.t))).tolist()
         still = np.array([bool(np.all(np.ptp(trace.y[a:b], axis=0) <= limit)) for a, b in pairwise(edges)])
         for a, b in runs(still):
             together = np.ptp(trace.y[edges[a] : edges[b]], axis=0) <= 2 * limit
@@ -76,16 +77,8 @@ def at_limit(u: Floats) -> float:
     if hi == lo or levels.size <= 8:
         return 0.0
     slack = 1e-6 * (hi - lo)
-    return sum(_in_runs(side) for side in (u <= lo + slack, u >= hi - slack))
-
-
-def _in_runs(flags: Bools) -> float:
-    return sum(b - a for a, b in runs(flags) if b - a >= SEVERAL) / flags.size
-
-
-def _block_edges(trace: Trace) -> list[int]:
-    edges = np.searchsorted(trace.t, np.arange(trace.t[0], trace.t[-1], BRIEF_S))
-    return np.unique(np.append(edges, len(trace.t))).tolist()
+    held = [b - a for side in (u <= lo + slack, u >= hi - slack) for a, b in runs(side)]
+    return sum(n for n in held if n >= SEVERAL) / u.size
 
 
 @dataclass(frozen=True)
@@ -168,17 +161,11 @@ def _timing(record: Record) -> Iterator[TraceLook]:
 
 def _looks(record: Record, model: SymbolicModel, sigma: Floats, quantum: Floats) -> Iterator[ChannelLook]:
     """Every state that was measured, then every input."""
-    units = {v.name: v.unit for v in (*model.states, *model.inputs)}
     read, put = (np.concatenate([getattr(trace, n) for trace in record.traces]) for n in ("y", "u"))
-    for k, name in enumerate(record.measured):
-        yield ChannelLook(name, units[name], *_range(read[:, k]), float(sigma[k]), float(quantum[k]))
-    for k, name in enumerate(record.inputs):
-        yield ChannelLook(name, units[name], *_range(put[:, k]), None, 0.0, at_limit(put[:, k]))
-
-
-def _range(x: Floats) -> tuple[float, float, float]:
-    """Lowest, highest, root mean square."""
-    return float(x.min()), float(x.max()), float(np.sqrt(np.mean(x**2)))
+    for k, (name, x) in enumerate(zip((*record.measured, *record.inputs), (*read.T, *put.T), strict=True)):
+        range_ = float(x.min()), float(x.max()), float(np.sqrt(np.mean(x**2)))
+        own = (float(sigma[k]), float(quantum[k])) if k < len(sigma) else (None, 0.0, at_limit(x))
+        yield ChannelLook(name, model.units[name], *range_, *own)
 
 
 def _excitation(record: Record, model: SymbolicModel) -> Iterator[str]:
@@ -196,7 +183,7 @@ def _excitation(record: Record, model: SymbolicModel) -> Iterator[str]:
 
 def _motion(record: Record, model: SymbolicModel, c: Coordinate) -> Iterator[str]:
     k = record.measured.index(c.position)
-    unit = next(v.unit for v in model.states if v.name == c.position)
+    unit = model.units[c.position]
     turn = full_turn(unit)
     if turn is not None and _has_sine(model, c.position):
         angle = np.concatenate([trace.y[:, k] for trace in record.traces]) * (2 * np.pi / turn)

@@ -13,7 +13,7 @@ import numpy as np
 
 from simgap.arrays import Ints
 from simgap.config.measured import MeasuredSection
-from simgap.diagnosis.record.channels import Channel, RawTable, convert, measured_states
+from simgap.diagnosis.record.channels import Channel, RawTable, convert, measured_columns
 from simgap.diagnosis.record.clock import Split, check_forward, check_interval, concerning, same_file, seconds, split
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.errors import UserError
@@ -70,7 +70,7 @@ def read_traces(
         UserError: for a file without a state, an input that is missing, time running backwards, stamps too far apart,
             a single row, or no piece as long as a window; the message names file, row or key, and the remedy.
     """
-    found = [measured_states(table, channels) for table in tables]
+    found = [measured_columns(table.file, table.header, table.units, channels) for table in tables]
     measured = tuple(c.name for c in channels if all(c.name in names for names in found))
     if not measured:
         raise UserError(
@@ -139,11 +139,7 @@ def _file_traces(
         rows=table.rows,
         rows_used=sum(len(trace.t) for trace in traces),
         epoch_s=epoch,
-        repeated=sum(part.repeated for part in parts),
-        masked=sum(part.masked for part in parts),
-        gaps=sum(part.gaps for part in parts),
-        short_pieces=sum(part.short_pieces for part in parts),
-        short_rows=sum(part.short_rows for part in parts),
+        **{n: sum(part.counts[n] for part in parts) for n in parts[0].counts},
         unwrapped=tuple(c.name for j, c in enumerate(used) if any(j in part.unwrapped for part in parts)),
         traces=tuple(trace.name for trace in traces),
     )

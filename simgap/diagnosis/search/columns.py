@@ -16,7 +16,7 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.diagnosis.record.faults.columns import SwappedColumns, WrongSign, WrongUnit
-from simgap.diagnosis.record.record import Record, Trace
+from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import RecordingFault
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.simulation.initial import initial_states
@@ -27,7 +27,6 @@ from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import MOST, OUT_OF_SIGHT, PLAUSIBLE_RATIO
 from simgap.notation import joined
 
-_WINDOWS = 8
 _OWN_GAIN = np.sqrt(2.0 * np.pi)  # half the way, as a ratio, to the nearest other unit: turns for radians
 _DESCENTS = 10  # linearisations of a fit that need not settle
 _FIRST_DESCENTS, _HOPELESS = 3, 20.0  # after so many, what misses by so many times what may be missed is given up
@@ -54,16 +53,11 @@ class Columns:
 
     def applied(self, problem: Problem) -> Problem:
         """The problem with the columns as they may really be."""
-        order, y_scale = list(self.y_order), self.y
-        return replace(
-            problem,
-            y=np.ascontiguousarray(problem.y[:, order] * y_scale),
-            u=np.ascontiguousarray(problem.u[:, list(self.u_order)] * self.u),
-            sigma=problem.sigma[order] * np.abs(y_scale),
-            used=np.ascontiguousarray(problem.used[:, order]),
-            weight=np.ascontiguousarray(problem.weight[:, order]),
-            memo=Memo(),
-        )
+        read, put = list(self.y_order), list(self.u_order)
+        own = problem.y[:, read] * self.y, problem.u[:, put] * self.u, problem.used[:, read], problem.weight[:, read]
+        y, u, used, weight = map(np.ascontiguousarray, own)
+        sigma = problem.sigma[read] * np.abs(self.y)
+        return replace(problem, y=y, u=u, sigma=sigma, used=used, weight=weight, memo=Memo())
 
     def beside(self, others: Sequence[Columns]) -> Columns:
         """The same, saying what else would explain the data: of a linear plant inputs and readings scale alike."""
@@ -75,12 +69,11 @@ class Columns:
 
     def of_record(self, record: Record) -> Record:
         """The record with the columns as they really are."""
-        return replace(record, traces=tuple(self._of_trace(trace) for trace in record.traces))
-
-    def _of_trace(self, trace: Trace) -> Trace:
-        used = None if trace.used is None else trace.used[:, list(self.y_order)]
-        y, u = trace.y[:, list(self.y_order)] * self.y, trace.u[:, list(self.u_order)] * self.u
-        return replace(trace, y=y, u=u, used=used)
+        read, put, traces = list(self.y_order), list(self.u_order), []
+        for trace in record.traces:
+            used = None if trace.used is None else trace.used[:, read]
+            traces.append(replace(trace, y=trace.y[:, read] * self.y, u=trace.u[:, put] * self.u, used=used))
+        return replace(record, traces=tuple(traces))
 
 
 def better_columns(problem: Problem) -> Columns | None:
@@ -91,24 +84,18 @@ def better_columns(problem: Problem) -> Columns | None:
     no possibility is better by far, each is tried once more with these free, those out of sight aside. Small inputs and
     large readings take the plant out of sight: such a factor must also do better than one that leaves nothing of it.
     """
-    few = np.unique(np.linspace(0, len(problem.windows) - 1, _WINDOWS).astype(int))
-    part = problem.on(problem.windows.pick(few))
+    part, _ = problem.some()
     bar = _missed(part, np.inf)
     if bar < OUT_OF_SIGHT:
         return None
     far = OUT_OF_SIGHT * bar
     tried = [(option, _missed(option.applied(part), far)) for option in _options(problem)]
-    beside = _missed_beside_effects(part, np.inf, PLAUSIBLE_RATIO)  # as they are: with what the search may find
-    return _best(part, tried, beside) or _best_beside_effects(part, [o for o, left in tried if left <= far], beside)
-
-
-def _best_beside_effects(part: Problem, options: Sequence[Columns], bar: float) -> Columns | None:
-    """The best of the possibilities with effects that are free."""
-    if bar < OUT_OF_SIGHT or not options:
-        return None
+    bar = _missed_beside_effects(part, np.inf, PLAUSIBLE_RATIO)  # as they are: with what the search may find
+    best, near = _best(part, tried, bar), [option for option, left in tried if left <= far]
+    if best is not None or not near or bar < OUT_OF_SIGHT:
+        return best
     hopeless = _HOPELESS * bar / OUT_OF_SIGHT
-    tried = [(option, _missed_beside_effects(option.applied(part), hopeless)) for option in options]
-    return _best(part, tried, bar)
+    return _best(part, [(option, _missed_beside_effects(option.applied(part), hopeless)) for option in near], bar)
 
 
 def _best(part: Problem, tried: Sequence[tuple[Columns, float]], bar: float) -> Columns | None:
@@ -184,7 +171,7 @@ def _per_number(part: Problem, at: Fit) -> float:
 def _options(problem: Problem) -> Iterator[Columns]:
     """Signs, units that are smaller than the declared one, larger ones, exchanged columns: likelier ones first."""
     names, inputs = problem.model.measured, problem.model.model.input_names
-    units = {v.name: v.unit for v in (*problem.model.model.states, *problem.model.model.inputs)}
+    units = problem.model.model.units
     k, m = len(names), len(inputs)
     ones, same = (np.ones(k), np.ones(m)), (tuple(range(k)), tuple(range(m)))
 

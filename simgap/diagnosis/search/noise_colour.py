@@ -1,8 +1,8 @@
 """Is what a model leaves the noise of a sensor that remembers, or the trace of a force?
 
 A force reaches a position through two integrations: whatever it is, what it leaves there falls at least with the fourth
-power of the frequency, from where the motion itself lies upward. What it leaves in a level, a temperature, a current, or
-a speed whose position nobody reads falls with the second. Noise that a sensor or its filter makes falls with the second
+power of the frequency, from where the motion itself lies upward. What it leaves in a level, a current or a speed whose
+position nobody reads falls with the second. Noise that a sensor or its filter makes falls with the second
 too, and meets the white noise of the reading where no force could. So laws of the residual's spectrum compete by their
 likelihood (Whittle (1953), Ark. Mat. 2(5)): white noise and noise with the autocorrelation exp(-|t| / tau), against
 white noise and such a fall that begins within twice the motion's frequency. Only where the first wins by far, the
@@ -52,7 +52,7 @@ def noise_colour(problem: Problem, theta: Floats, x0: Floats) -> tuple[Floats, C
         return None
     colour = Colour(shared, tau, dt)
     white = np.ascontiguousarray(residual / size)
-    whiten(white, problem.rows, *colour.predictors)
+    whiten(white, problem.rows, *colour.memory)
     return (size, colour) if _stationary(problem, white) and not follows_input(problem, white) else None
 
 

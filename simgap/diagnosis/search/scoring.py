@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,7 +11,7 @@ from simgap.arrays import Floats
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import Key
 from simgap.diagnosis.search.fit import Fit
-from simgap.diagnosis.simulation.problem import Problem
+from simgap.diagnosis.simulation.problem import Problem, interval
 from simgap.diagnosis.simulation.sensitivity import Direction, linearise, promised, slot_direction, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.effects import EFFECTS
@@ -47,23 +47,23 @@ class Starts:
 def list_starts(problem: Problem, barred: Collection[Key] = ()) -> Starts:
     """The starts of every candidate that is not barred, at the scales of this record."""
     model = problem.model.model
-    interval = float(np.median(np.diff(problem.t)[np.diff(problem.t) > 0]))
+    spacing = interval(problem.t)
     commands = dict(zip(model.input_names, np.abs(problem.u).max(axis=0), strict=True))
     items, wheels = [], problem.model.model.wheels
     for c in problem.model.candidates:
         if c.key in barred:
             continue
-        scales = Scales(interval)
+        scales = Scales(spacing)
         if c.effect.kind == "input":
             moved = drives(model, c.on)
             speed = _speed(problem, moved) if moved is not None else 1.0
-            scales = Scales(interval, command=float(commands[c.on]) or 1.0, speed=speed)
+            scales = Scales(spacing, command=float(commands[c.on]) or 1.0, speed=speed)
         elif c.effect.kind == "plant" and wheels is not None:
-            scales = Scales(interval, command=float(commands[wheels.linear]) or 1.0)
+            scales = Scales(spacing, command=float(commands[wheels.linear]) or 1.0)
         elif c.effect.kind == "coordinate":
             drive = sum(float(commands[u]) for u in driven_by(model, c.on))
             own = _speed(problem, c.on), _inertia(model, c.on), places(problem, c.on)
-            scales = Scales(interval, drive or 1.0, *own)
+            scales = Scales(spacing, drive or 1.0, *own)
         items += [(c, start) for start in c.effect.starts(scales)]
     return Starts(tuple(items))
 
@@ -123,7 +123,7 @@ def barred(model: SymbolicModel, record: Record, named: Collection[str], known: 
 def _winds(model: SymbolicModel, record: Record, coordinate: str) -> bool:
     """Whether the coordinate is an angle that travels more than a full turn in a trace."""
     position = model.coordinate(coordinate).position
-    turn = full_turn(next(v.unit for v in model.states if v.name == position))
+    turn = full_turn(model.units[position])
     if turn is None or position not in record.measured:
         return False
     k = record.measured.index(position)
@@ -194,10 +194,11 @@ def begun_at(c: Candidate, start: Start, coefficients: Floats) -> dict[int, floa
             return None
         coefficients = np.clip(coefficients, *_SECANT) * start.amplitude
     values = start.point(list(coefficients))
-    if not c.effect.physical(values):
-        return None
-    slots = dict(zip((p.symbol for p in c.effect.parameters), c.slots, strict=True))
-    return {slots[s]: v for s, v in values.items()}
+    return _by_slot(c, values) if c.effect.physical(values) else None
+
+
+def _by_slot(c: Candidate, values: Mapping[str, float]) -> dict[int, float]:
+    return {k: values[p.symbol] for p, k in zip(c.effect.parameters, c.slots, strict=True)}
 
 
 def best_of_each(scores: Sequence[Score]) -> list[Score]:
@@ -208,15 +209,10 @@ def best_of_each(scores: Sequence[Score]) -> list[Score]:
     return list(seen.values())
 
 
-def _point(theta: Floats, c: Candidate, start: Start, coefficients: Sequence[float]) -> Floats:
-    values = start.point(coefficients)
-    return with_values(theta, {k: values[p.symbol] for p, k in zip(c.effect.parameters, c.slots, strict=True)})
-
-
 def column(theta: Floats, c: Candidate, start: Start, j: int, amplitude: float) -> Direction:
     """Direction of one coefficient of a start in theta (q,), from the point where the others are zero."""
     coefficients = [amplitude if i == j else 0.0 for i in range(start.size)]
-    return Direction(_point(theta, c, start, coefficients), theta, amplitude)
+    return Direction(with_values(theta, _by_slot(c, start.point(coefficients))), theta, amplitude)
 
 
 def small_amplitude(problem: Problem, at: Fit, c: Candidate, start: Start, index: int, starts: Starts) -> float:
@@ -228,9 +224,9 @@ def small_amplitude(problem: Problem, at: Fit, c: Candidate, start: Start, index
         return start.amplitude
     if index not in starts.amplitudes:
         wanted = _TRIAL if _kinked(problem, c, start) else _RESPONSE
-        few = np.unique(np.linspace(0, len(problem.windows) - 1, 6).astype(int))
-        part, x0 = problem.on(problem.windows.pick(few)), at.x0[few]
-        base, amplitude = part.residuals(at.theta, x0), 1e-4
+        part, few = problem.some(6)
+        x0, amplitude = at.x0[few], 1e-4
+        base = part.residuals(at.theta, x0)
         for _ in range(4):
             moved = part.residuals(column(at.theta, c, start, 0, amplitude).plus, x0)
             size = float(np.sqrt(np.mean(np.minimum(np.abs(moved - base), 1e6) ** 2)))

@@ -19,7 +19,7 @@ from simgap.diagnosis.record.folds import Windows
 from simgap.diagnosis.record.record import MIN_SAMPLES
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Memo, Problem, interval
-from simgap.diagnosis.simulation.step_length import settled, some_windows
+from simgap.diagnosis.simulation.step_length import settled
 
 SAMPLES_A_WINDOW = 200
 """Samples that a window keeps in the search."""
@@ -66,7 +66,7 @@ def _odd(k: int) -> int:
 def _moved(problem: Problem, k: int) -> float:
     """RMS change over the noise of what the declared model predicts, where inputs are held at their means over k
     samples; that of the worst channel."""
-    part, _ = some_windows(problem)
+    part, _ = problem.some()
     x0, theta = initial_states(part), problem.model.null
     change = part.misses(theta, x0) - replace(part, u=_held(problem, k), memo=Memo()).misses(theta, x0)
     return float(np.sqrt(np.max(np.mean(np.square(change), axis=0), initial=0.0)))

@@ -178,7 +178,7 @@ def _free(main: Any, rest: Any, nx: int) -> Any:
 
 
 def hoist(
-    exprs: Sequence[sp.Expr], parameters: Collection[sp.Symbol], prefix: str = "hoisted"
+    exprs: Sequence[sp.Expr], parameters: Collection[sp.Symbol]
 ) -> tuple[list[sp.Expr], list[sp.Symbol], list[sp.Expr]]:
     """Split expressions into a part over new constants and the constants' own expressions over the parameters.
 
@@ -192,7 +192,7 @@ def hoist(
 
     def constant(e: sp.Expr) -> sp.Symbol:
         if e not in known:
-            known[e] = sp.Symbol(f"{prefix}_{len(known)}", real=True)
+            known[e] = sp.Symbol(f"hoisted_{len(known)}", real=True)
         return known[e]
 
     def symbols(e: sp.Basic) -> set[sp.Basic]:

@@ -6,14 +6,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-import numpy as np
-
-from simgap.arrays import Bools, Floats
+from simgap.arrays import Floats
 from simgap.diagnosis.record.folds import Span, cut_at, cut_in_folds, left_out, needed_ahead
 from simgap.diagnosis.record.noise import worth
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import DiagnosisSettings
-from simgap.diagnosis.simulation.colour import Colour
 from simgap.diagnosis.simulation.problem import Problem, build_problem
 from simgap.diagnosis.simulation.step_length import settled
 from simgap.diagnosis.simulation.supermodel import cached_supermodel
@@ -42,11 +39,7 @@ class Parts:
         """The same without the samples on which commands from before the record may still act."""
         kept = self.changed(lambda p: p.past_the_unknown(reach_s))
         begin = {k: float(self.known.t[f]) + reach_s for _, _, f, k in self.known.windows}
-        return replace(kept, left_out=tuple(s for s in self.left_out if s[2] > begin.get(s[0], -np.inf)))
-
-    def before_the_end(self, late_s: float) -> Parts:
-        """The same without the end of each trace, where what acted was logged after its last sample."""
-        return self.changed(lambda p: p.before_the_end(late_s))
+        return replace(kept, left_out=tuple(s for s in self.left_out if s[2] > begin.get(s[0], 0.0)))
 
     def with_gross_errors(self, usual: Floats, spans: tuple[Span, ...]) -> Parts:
         """The same where misses much larger than a usual one (k,) are gross errors that weigh nothing.
@@ -71,15 +64,6 @@ class Parts:
         """Each of the problems, changed."""
         known, fit, choose, confirm = (change(p) for p in (self.known, self.fit, self.choose, self.confirm))
         return Parts(known, fit, choose, confirm, self.left_out)
-
-    def with_noise(self, size: Floats, colour: Colour) -> Parts:
-        """The same under another law of the noise, its standard deviation (k,) over that of before."""
-        return self.changed(lambda p: replace(p, sigma=p.sigma * size, colour=colour))
-
-    def without(self, channels: Bools) -> Parts:
-        """The same with some of the channels (k,) left out of every fit."""
-        heard = np.where(channels, 0.0, self.known.heard)
-        return self.changed(lambda p: replace(p, heard=heard))
 
 
 _SHORT = (

@@ -7,7 +7,7 @@ from the beginning of each trace. What it was there is unknown, taken as 0, and 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,14 +27,19 @@ _LINK_S = 0.1  # length of it for a link with a motor behind it, which it must f
 _FEWEST, _MOST = 7, 61  # samples of it
 
 
+def _traces(t: Floats, firsts: Ints, span: float) -> Iterator[tuple[int, int, float, int]]:
+    """Of each trace with two stamps at least: from, to, interval (s), samples of a local polynomial over a span (s)."""
+    for a, b in zip(firsts.tolist(), [*firsts[1:].tolist(), len(t)], strict=True):
+        if b - a > 1:
+            dt = max(float(np.median(np.diff(t[a:b]))), 1e-9)
+            yield a, b, dt, min(max(2 * (round(span / dt) // 2) + 1, _FEWEST), _MOST, b - a - 1 + (b - a) % 2)  # odd
+
+
 def measured_speeds(on: Sequence[Coordinate], measured: Sequence[str], t: Floats, y: Floats, firsts: Ints) -> Floats:
     """Mean speed from each stamp to the next of some coordinates, (n, h); 0 where nothing was measured of one."""
     out = np.zeros((len(t), len(on)))
-    ends = [*firsts[1:].tolist(), len(t)]
     for j, c in enumerate(on):
-        for a, b in zip(firsts.tolist(), ends, strict=True):
-            spread = round(_SPAN_S / max(float(np.median(np.diff(t[a:b]))), 1e-9)) // 2 if b - a > 1 else 0
-            size = min(max(2 * spread + 1, _FEWEST), _MOST, b - a - 1 + (b - a) % 2)  # odd
+        for a, b, _, size in _traces(t, firsts, _SPAN_S):
             if c.position in measured and size > 3:
                 q = savgol_filter(y[a:b, measured.index(c.position)], size, min(_ORDER, size - 1))
                 out[a : b - 1, j] = np.diff(q) / np.maximum(np.diff(t[a:b]), 1e-9)
@@ -48,12 +53,7 @@ def measured_link(
 ) -> tuple[Floats, Floats]:  # fmt: skip
     """Place and speed of a coordinate at every stamp, smoothed, (n,) each; a place that nothing measures adds up."""
     place, speed = np.zeros(len(t)), np.zeros(len(t))
-    ends = [*firsts[1:].tolist(), len(t)]
-    for a, b in zip(firsts.tolist(), ends, strict=True):
-        if b - a < 2:
-            continue
-        dt = max(float(np.median(np.diff(t[a:b]))), 1e-9)
-        size = min(max(2 * (round(_LINK_S / dt) // 2) + 1, _FEWEST), _MOST, b - a - 1 + (b - a) % 2)
+    for a, b, dt, size in _traces(t, firsts, _LINK_S):
         if on.position in measured and size > _ORDER:
             q = y[a:b, measured.index(on.position)]
             place[a:b] = savgol_filter(q, size, _ORDER)

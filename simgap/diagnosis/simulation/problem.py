@@ -117,6 +117,11 @@ class Problem:
             return self
         return self.on(self.windows.pick(np.arange(len(self.windows))[which]))
 
+    def some(self, count: int = 8) -> tuple[Problem, Ints]:
+        """So many windows spread over all, and which they are."""
+        few = np.unique(np.linspace(0, len(self.windows) - 1, count).astype(np.int64))
+        return self.on(self.windows.pick(few)), few
+
     @property
     def size(self) -> int:
         """Number of compared numbers, as far as they are independent."""
@@ -272,7 +277,7 @@ class Problem:
         """Misses made white by the law of the noise, (rows, k): of a perfect model they are independent, of size 1."""
         residual = self.misses(theta, x0)
         if self.colour is not None:
-            whiten(residual, self.rows, *self.colour.predictors)
+            whiten(residual, self.rows, *self.colour.memory)
         if self._root_weight.size:
             residual *= self._root_weight
         if not self.heard.all():

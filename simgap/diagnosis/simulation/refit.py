@@ -7,6 +7,7 @@ Source: Levenberg (1944); Marquardt (1963), J. SIAM 11(2), window by window.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from simgap.arrays import Floats, Ints
 from simgap.diagnosis.simulation.gross_errors import are_gross
 from simgap.diagnosis.simulation.initial import at_rest, initial_states
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.simulation.sensitivity import chunks, state_steps
+from simgap.diagnosis.simulation.sensitivity import chunks, state_columns, state_steps
 
 _MOST = 20  # linearisations
 _LADDER = (1000.0, 100.0, 10.0)  # sizes of a miss that count as usual, over what is
@@ -74,9 +75,8 @@ def _from_afar(problem: Problem, theta: Floats, x0: Floats, best: Refit) -> Refi
         at = refit(replace(part, usual=times * part.spread * part.sigma), theta, at).x0
     ends = refit(part, theta, at)
     x0, chi2, promise = best.x0.copy(), best.chi2.copy(), best.promise.copy()
-    won = ends.chi2 < chi2[bad]
-    x0[bad[won]], chi2[bad[won]], promise[bad[won]] = ends.x0[won], ends.chi2[won], ends.promise[won]
-    return Refit(x0, chi2, promise)
+    x0[bad], chi2[bad], promise[bad] = ends.x0, ends.chi2, ends.promise
+    return better(best, Refit(x0, chi2, promise))
 
 
 def better(a: Refit, b: Refit) -> Refit:
@@ -131,11 +131,7 @@ def _normal(
     `known`: the residual (rows, k) at x0, where it is.
     """
     centre = problem.residuals(theta, x0) if known is None else known
-    columns = []
-    for i, h in enumerate(steps):
-        moved = x0.copy()
-        moved[:, i] += h
-        columns.append((centre - problem.residuals(theta, moved)) / h)
+    columns = state_columns(partial(problem.residuals, theta), x0, steps, centre)
     nx = len(steps)
     gram, gradient = np.empty((len(x0), nx, nx)), np.empty((len(x0), nx))
     for i in range(nx):

@@ -8,8 +8,9 @@ Pereyra (1973), SIAM J. Numer. Anal. 10(2).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -45,7 +46,6 @@ class Linearised:
 
     Attributes:
         gram: (p, p) projected J^T J; gradient: (p,) projected J^T r; rest: projected r^T r.
-        chi2: r^T r before projection.
         window_gradient: (w, p), window_gram: (w, p, p), window_rest: (w,): share of each window in these.
         state_r: (w, nx, nx) triangular factors of the initial-state columns; state_b: (w, nx, p) and
         state_g: (w, nx), Q^T of the parameter columns and of the residual, to recover the initial states' step.
@@ -54,7 +54,6 @@ class Linearised:
     gram: Floats
     gradient: Floats
     rest: float
-    chi2: float
     window_gradient: Floats
     window_gram: Floats
     window_rest: Floats
@@ -122,14 +121,13 @@ def choose_steps(problem: Problem, theta: Floats, x0: Floats, slots: Iterable[in
 
     Under an effect that jerks it is about `_JERKED_RESPONSE`.
     """
-    few = np.unique(np.linspace(0, len(problem.windows) - 1, 8).astype(int))
-    part, part_x0 = problem.on(problem.windows.pick(few)), x0[few]
+    part, few = problem.some()
     target = _JERKED_RESPONSE if problem.model.jerks(theta) else _TARGET_RESPONSE
     steps = dict.fromkeys(slots, _FIRST_STEP)
     for slot in steps:
         for _ in range(3):
             d = slot_direction(part, theta, slot, steps[slot])
-            response = np.abs(part.residuals(d.plus, part_x0) - part.residuals(d.minus, part_x0))
+            response = np.abs(part.residuals(d.plus, x0[few]) - part.residuals(d.minus, x0[few]))
             size = float(np.sqrt(np.mean(np.minimum(response, 1e6) ** 2)))
             if size > 0.0 and 0.2 < size / target < 5.0:
                 break
@@ -154,17 +152,26 @@ def state_steps(problem: Problem, x0: Floats) -> Floats:
     return 1e-6 * (0.1 + np.abs(x0).max(axis=0))
 
 
+def state_columns(missed: Callable[[Floats], Floats], x0: Floats, steps: Floats, here: Floats) -> Floats:
+    """What the predictions of windows do with each number of their initial states, (nx, rows, k).
+
+    Args:
+        missed: initial states (w, nx) -> what is missed, (rows, k); here: the same at x0.
+        steps: (nx,) of the differences.
+    """
+    shifts = zip(steps, np.eye(len(steps)), strict=True)
+    return np.stack([(here - missed(x0 + step * unit)) / step for step, unit in shifts])
+
+
 def linearise(problem: Problem, theta: Floats, x0: Floats, directions: Sequence[Direction]) -> Linearised:
     """Residual and columns of all windows, projected: theta, (w, nx), p directions."""
     p, nx, w = len(directions), x0.shape[1], len(problem.windows)
-    chi2 = 0.0
     window_gradient, window_gram, window_rest = np.zeros((w, p)), np.zeros((w, p, p)), np.zeros(w)
     state_r, state_b, state_g = np.zeros((w, nx, nx)), np.zeros((w, nx, p)), np.zeros((w, nx))
     steps = state_steps(problem, x0)
     for part in chunks(problem):
         sub = problem.part(part)
         residual, columns, states = _columns(sub, theta, x0[part], directions, steps)
-        chi2 += float(residual @ residual)
         lengths = np.diff(sub.rows) * problem.y.shape[1]
         for length in np.unique(lengths):
             (alike,) = np.nonzero(lengths == length)
@@ -178,9 +185,7 @@ def linearise(problem: Problem, theta: Floats, x0: Floats, directions: Sequence[
             window_rest[at] = np.sum(e * e, axis=(1, 2))
             state_r[at], state_b[at], state_g[at] = r, qb, qe[..., 0]
     gram, gradient, rest = window_gram.sum(axis=0), window_gradient.sum(axis=0), float(window_rest.sum())
-    return Linearised(
-        gram, gradient, rest, chi2, window_gradient, window_gram, window_rest, state_r, state_b, state_g
-    )  # fmt: skip
+    return Linearised(gram, gradient, rest, window_gradient, window_gram, window_rest, state_r, state_b, state_g)
 
 
 def _orthogonal(states: Floats) -> tuple[Floats, Floats]:
@@ -199,18 +204,14 @@ def _columns(
     problem: Problem, theta: Floats, x0: Floats, directions: Sequence[Direction], steps: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Flat residual (rows k,), parameter columns (rows k, p) and initial-state columns (rows k, nx), over sigma."""
-    centre = problem.residuals(theta, x0).ravel()
-    columns = np.empty((len(centre), len(directions)))
+    here = problem.residuals(theta, x0)
+    centre, columns = here.ravel(), np.empty((here.size, len(directions)))
     for j, d in enumerate(directions):
         high = centre if np.array_equal(d.plus, theta) else problem.residuals(d.plus, x0).ravel()
         low = centre if np.array_equal(d.minus, theta) else problem.residuals(d.minus, x0).ravel()
         columns[:, j] = (low - high) / d.span
-    states = np.empty((len(centre), x0.shape[1]))
-    for i, step in enumerate(steps):
-        shift = np.zeros(x0.shape[1])
-        shift[i] = step
-        states[:, i] = (centre - problem.residuals(theta, x0 + shift).ravel()) / step
-    return centre, columns, states
+    states = state_columns(partial(problem.residuals, theta), x0, steps, here)
+    return centre, columns, np.ascontiguousarray(states.reshape(len(steps), -1).T)
 
 
 def with_values(theta: Floats, values: Mapping[int, float]) -> Floats:

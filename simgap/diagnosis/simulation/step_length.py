@@ -6,14 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from simgap.arrays import Floats, Ints
+from simgap.arrays import Floats
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import MATTERS
 
 _SHARE = 0.01  # of the noise
 _MOST_HALVINGS = 6
-_WINDOWS = 8
 
 
 def resolved(problem: Problem, theta: Floats, x0: Floats) -> bool:
@@ -22,16 +21,10 @@ def resolved(problem: Problem, theta: Floats, x0: Floats) -> bool:
     A step that is too long for a stiff effect gives it another motion, even none that ends. What half the step changes
     is held against the misses.
     """
-    part, few = some_windows(problem)
+    part, few = problem.some()
     coarse, fine = (replace(part, h_max=h).residuals(theta, x0[few]) for h in (problem.h_max, problem.h_max / 2))
     moved = float(np.sqrt(np.mean(np.square(coarse - fine))))
     return moved <= MATTERS * max(1.0, float(np.sqrt(np.mean(np.square(coarse)))))
-
-
-def some_windows(problem: Problem) -> tuple[Problem, Ints]:
-    """A few windows spread over all, and which they are."""
-    few = np.unique(np.linspace(0, len(problem.windows) - 1, _WINDOWS).astype(np.int64))
-    return problem.on(problem.windows.pick(few)), few
 
 
 def settled(problem: Problem) -> Problem:
@@ -39,7 +32,7 @@ def settled(problem: Problem) -> Problem:
 
     It stays as it is where halving leads nowhere: a model that runs into a singularity has no right path behind it.
     """
-    part, _ = some_windows(problem)
+    part, _ = problem.some()
     x0, theta, h, before = initial_states(part), problem.model.null, problem.h_max, np.inf
     for _ in range(_MOST_HALVINGS):
         coarse, fine = (replace(part, h_max=step).residuals(theta, x0) for step in (h, h / 2))

@@ -8,6 +8,8 @@ it is the push's own doing. Fitted data count too, as they are down to the noise
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from simgap.arrays import Bools, Floats
@@ -15,7 +17,7 @@ from simgap.diagnosis.record.folds import Span, Windows, joined
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.simulation.sensitivity import state_steps
+from simgap.diagnosis.simulation.sensitivity import state_columns, state_steps
 from simgap.diagnosis.thresholds import BRIEF_S, FAR
 
 _SPAN = 0.25 * BRIEF_S  # s over which a rate is taken
@@ -101,12 +103,10 @@ def _leaves(known: Problem, at: Fit, left: Span) -> float:
         return end
     part = known.on(Windows(*(np.array([v]) for v in (a, last, first, which))))
     miss, x0 = part.misses(at.theta, at.x0[own : own + 1]), at.x0[own : own + 1]
-    steps = state_steps(part, x0)
-    turned = [(miss - part.misses(at.theta, x0 + h * e)) / h for h, e in zip(steps, np.eye(len(steps)), strict=True)]
-    states = np.stack(turned, axis=2)  # (rows, k, nx)
-    fitted = states[: b - a].reshape(-1, len(steps))
-    spread = np.linalg.pinv(fitted.T @ fitted, rcond=1e-12)
-    size = np.sqrt(1.0 + np.einsum("rki,ij,rkj->rk", states, spread, states))
+    states = state_columns(partial(part.misses, at.theta), x0, state_steps(part, x0), miss)
+    fitted = states[:, : b - a].reshape(len(states), -1)
+    spread = np.linalg.pinv(fitted @ fitted.T, rcond=1e-12)
+    size = np.sqrt(1.0 + np.einsum("irk,ij,jrk->rk", states, spread, states))
     off = np.any(np.abs(miss) > FAR * size, axis=1)[b - a :]
     gone = np.flatnonzero(off[:-1] & off[1:])
     return float(t[b + gone[0]]) if gone.size else end

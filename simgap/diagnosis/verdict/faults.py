@@ -23,14 +23,12 @@ def gross_spans(known: Problem, at: Fit) -> tuple[Span, ...]:
     if known.usual is None:
         return ()
     gross = are_gross(known.residuals(at.theta, at.x0), known.spread).any(axis=1)
-    t, trace = known.t[known.samples], np.repeat(known.windows.trace, np.diff(known.rows))
-    found: list[list[float]] = []
-    for k, s in sorted(zip(trace[gross].tolist(), t[gross].tolist(), strict=True)):
-        if found and found[-1][0] == k and s - found[-1][2] <= 0.5 * BRIEF_S:
-            found[-1][2:] = [s, found[-1][3] + 1]
-        else:
-            found.append([k, s, s, 1])
-    return tuple((int(k), a, b) for k, a, b, count in found if count >= SEVERAL)
+    t, trace = known.t[known.samples][gross], np.repeat(known.windows.trace, np.diff(known.rows))[gross]
+    order = np.lexsort((t, trace))
+    t, trace = t[order], trace[order]
+    breaks = np.flatnonzero((np.diff(trace) != 0) | (np.diff(t) > 0.5 * BRIEF_S)) + 1
+    groups = zip(np.split(trace, breaks), np.split(t, breaks), strict=True)
+    return tuple((int(own[0]), float(at[0]), float(at[-1])) for own, at in groups if len(at) >= SEVERAL)
 
 
 def push_faults(spans: Sequence[Span], known: Problem, names: Sequence[str]) -> tuple[RecordingFault, ...]:

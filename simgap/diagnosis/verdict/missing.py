@@ -85,24 +85,18 @@ def missing_terms(
     rows, labels, regressors = _rows(before)
     if not rows or any(r not in motions[0].channels for r in rows):
         return ()
-    first, second = (
+    lacks = [
         np.concatenate([_lack(m, model, rows, moved) for m in motions], axis=1)
-        for model, moved in ((before, {}), (after, dict(shifts)))
-    )
+        for model, moved in ((before, {}), (after, shifts))
+    ]
     columns = {n: np.concatenate([m.values[n] for m in motions]) for n in regressors}
     columns = {n: c for n, c in columns.items() if np.ptp(c) > 0.0}
     thin = max(1.0, SPAN_S / motions[0].dt)  # neighbours share a span: fewer are independent
-    units = {v.name: v.unit for v in (*before.states, *before.inputs)}
-    return tuple(
-        Missing(
-            label,
-            unit,
-            {n: _binned(c, first[k], thin) for n, c in columns.items() if n in own},
-            {n: _binned(c, second[k], thin) for n, c in columns.items() if n in own},
-            units,
-        )
-        for k, (label, unit, own) in enumerate(labels)
-    )
+    found = []
+    for k, (label, unit, own) in enumerate(labels):
+        old, new = ({n: _binned(c, lack[k], thin) for n, c in columns.items() if n in own} for lack in lacks)
+        found.append(Missing(label, unit, old, new, before.units))
+    return tuple(found)
 
 
 def _rows(model: SymbolicModel) -> tuple[list[str], list[tuple[str, str, set[str]]], list[str]]:
@@ -115,8 +109,8 @@ def _rows(model: SymbolicModel) -> tuple[list[str], list[tuple[str, str, set[str
         ]
         return [c.velocity for c in model.coordinates], labels, [*model.state_names, *inputs]
     if model.wheels is not None:
-        w, turning = model.wheels, {v.name: v.unit for v in model.states}[model.wheels.heading]
-        length = {v.name: v.unit for v in model.states}[w.x]
+        w = model.wheels
+        turning, length = model.units[w.heading], model.units[w.x]
         names = (("forward speed", length), ("sideways speed", length), ("turning rate", turning))
         return [w.x, w.y, w.heading], [(n, f"{u}/s", set(inputs)) for n, u in names], inputs
     rows = [v for v, e in zip(model.states, model.xdot, strict=True) if not sp.sympify(e).is_Symbol]
@@ -168,8 +162,8 @@ def _lack(motion: _Motion, model: SymbolicModel, rows: Sequence[str], shifts: Ma
     exprs = dict(zip(model.state_names, model.numeric(), strict=True))
     arguments = [values[n] for n in names]
     ends = [np.append(v[1:], v[-1]) if n in model.state_names else v for n, v in zip(names, arguments, strict=True)]
-    wanted = [exprs[r] for r in rows]
-    modelled = 0.5 * (evaluate(wanted, names, arguments) + evaluate(wanted, names, ends))  # over each held input
+    rates = compiled([exprs[r] for r in rows], names)
+    modelled = 0.5 * (rates(arguments) + rates(ends))  # over each held input
     lack = np.empty_like(modelled)
     for i, r in enumerate(rows):
         channel, times = motion.channels[r]
@@ -184,18 +178,13 @@ def _lack(motion: _Motion, model: SymbolicModel, rows: Sequence[str], shifts: Ma
             [sp.sympify(model.force_map[c.name][model.state_names.index(r)]).subs(numbers) for c in model.coordinates]
             for r in rows
         ]
-        flat = evaluate([e for row in columns for e in row], names, arguments)
+        flat = compiled([e for row in columns for e in row], names)(arguments)
         inverse_mass = flat.reshape(len(rows), len(rows), -1).transpose(2, 0, 1)
         return np.asarray(np.linalg.solve(inverse_mass, lack.T[:, :, None])[:, :, 0].T)
     if model.wheels is not None:
         c, s = np.cos(values[model.wheels.heading]), np.sin(values[model.wheels.heading])
         return np.stack([c * lack[0] + s * lack[1], c * lack[1] - s * lack[0], lack[2]])
     return lack
-
-
-def evaluate(exprs: Sequence[sp.Expr], names: Sequence[str], arguments: Sequence[Floats]) -> Floats:
-    """Expressions over named columns: -> (expressions, n)."""
-    return compiled(exprs, names)(arguments)
 
 
 def compiled(exprs: Sequence[sp.Expr], names: Sequence[str]) -> Callable[[Sequence[Floats]], Floats]:

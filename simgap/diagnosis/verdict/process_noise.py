@@ -37,7 +37,6 @@ _FREQUENCIES, _LASTING = 9, (0.5, 0.9, 0.99)
 """Of the correlations cos(k w) r^k of forces k steps apart: w between 0 and pi, and r."""
 _RATIOS = np.logspace(-10.0, 10.0, 401)
 """Variances that are tried, of that which a single step of a stretch would tell from noise."""
-_FLAT = 1e8
 
 
 @dataclass(frozen=True, eq=False)

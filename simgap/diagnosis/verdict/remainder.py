@@ -130,7 +130,11 @@ def bound_remainder(
     widest = last.by if last.rest is None else last.rest.by
     below = [n for n in names if finite and forces[1].get(n, math.inf) < widest[n]]
     confidence = max(attained(last.pieces, level) - (1.0 - level if below else 0.0), 0.0) if finite else 0.0
-    statement = _statement(level, confidence, last, step, missing, below) if finite else _too_few(last.count, level)
+    statement = (
+        f"{last.count} held-out transitions are too few for {100 * level:g} %: hold out at least {fewest(level)}."
+    )
+    if finite:
+        statement = _statement(level, confidence, last, step, missing, below)
     one_step = {
         "before": first.rms, "after": last.rms, "noise_floor": {n: math.sqrt(2.0) * s for n, s in noise.items()}
     }  # fmt: skip
@@ -146,7 +150,8 @@ def _bound(
     model: SymbolicModel, parts: tuple[Transitions, Transitions], names: Sequence[str], level: float,
     X: Mapping[str, tuple[float, float]], declared: Mapping[str, float],
 ) -> _Bound:  # fmt: skip
-    plain = [_residuals(part, names, model) for part in parts]
+    places = [model.state_names.index(n) for n in names]
+    plain = [part.then - held(model, part)[:, places] for part in parts]  # measured minus predicted, (n, k)
     forces = [r / force_ratio(model, part, names, declared) for r, part in zip(plain, parts, strict=True)]
     piece, by_run = _pieces(parts, forces)
     fitted = Sizes(np.abs(forces[0]), _speeds(parts[0], model))
@@ -204,11 +209,6 @@ def _speeds(part: Transitions, model: SymbolicModel) -> dict[str, Floats]:
     return {c.velocity: np.abs(part.start[:, model.state_names.index(c.velocity)]) for c in model.coordinates}
 
 
-def _residuals(part: Transitions, names: Sequence[str], model: SymbolicModel) -> Floats:
-    """Measured minus predicted one step later: (n, k)."""
-    return part.then - held(model, part)[:, [model.state_names.index(n) for n in names]]
-
-
 def _near_rest(rest: NearRest | None, confidence: float) -> str:
     if rest is None:
         return ""
@@ -229,10 +229,6 @@ def _derived(names: Sequence[str]) -> str:
 
 def _percent(probability: float) -> str:
     return f"{math.floor(1000.0 * max(probability, 0.0) + 1e-6) / 10.0:g} %"
-
-
-def _too_few(count: int, level: float) -> str:
-    return f"{count} held-out transitions are too few for {100 * level:g} %: hold out at least {fewest(level)}."
 
 
 def _statement(

@@ -82,8 +82,7 @@ def transitions(
     what commands that change within a step did.
     """
     names, nx = [*model.state_names, *model.input_names], len(model.state_names)
-    begin, end = [np.zeros((0, len(names)))], [np.zeros((0, len(measured)))]
-    traces, stamps = [np.zeros(0, dtype=str)], [np.zeros(0)]
+    rows = [(np.zeros((0, len(names))), np.zeros((0, len(measured))), np.zeros(0, dtype=str), np.zeros(0))]
     dt = [float(np.median(np.diff(w.t))) for w in windows]
     samples = int(np.ceil(step / min(dt) * (1 - 1e-9))) if dt else 1
     pieces = max(min(_INNER * samples, _MOST), samples)
@@ -100,12 +99,9 @@ def transitions(
             true = _integrated(model, start[:, :nx], _commands(w, at, model, late), step, pieces)
             moved = true - held(model, Transitions(start, then, step, pieces, own, at))
             then = then - moved[:, [model.state_names.index(n) for n in measured]]
-        begin.append(start)
-        end.append(then)
-        traces.append(own)
-        stamps.append(at)
-    whole = (np.concatenate(parts) for parts in (traces, stamps))
-    return Transitions(np.concatenate(begin), np.concatenate(end), step, pieces, *whole)
+        rows.append((start, then, own, at))
+    begin, end, traces, stamps = (np.concatenate(parts) for parts in zip(*rows, strict=True))
+    return Transitions(begin, end, step, pieces, traces, stamps)
 
 
 def held(model: SymbolicModel, part: Transitions) -> Floats:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -147,7 +147,6 @@ class Question:
         t: (n,) s of the recording to come; start: (nx,); allowed: states; middle, reach: (m,) of the inputs.
         brief: whether a shorter recording may do.
         conditions: rows of known conditions under which there are recordings; one empty row without any.
-        units: of states and inputs.
     """
 
     model: SymbolicModel
@@ -162,11 +161,10 @@ class Question:
     reach: Floats
     conditions: tuple[tuple[float, ...], ...] = ((),)
     brief: bool = True
-    units: Mapping[str, str] = field(default_factory=dict)
 
-    def model_unit(self, name: str) -> str:
-        """Unit of an input of the model, known conditions among them."""
-        return next(v.unit for v in self.model.inputs if v.name == name)
+    def fitted(self) -> KnownRivals:
+        """The sets fitted to the recordings."""
+        return known_rivals(self.model, self.record, self.settings, self.sets, self.noise)
 
     def bench(self, known: KnownRivals, held: tuple[float, ...], count: int | None = None) -> Bench:
         """Where the next recording is made under these conditions, with so many samples (all of t if not given)."""
@@ -197,7 +195,7 @@ class Advice:
 def ask(question: Question, rng: np.random.Generator, tell: Callable[[str], None] = lambda words: None) -> Advice:
     """The next experiment."""
     tell(f"fitting {len(question.sets)} explanation{'s' if len(question.sets) > 1 else ''} to the recordings")
-    known = known_rivals(question.model, question.record, question.settings, question.sets, question.noise)
+    known = question.fitted()
     several = len(known.rivals) > 1
     hidden = beside(question.model, question.record, question.settings, question.sets[0], known) if several else None
     benches = [question.bench(known, row) for row in question.conditions]
@@ -263,13 +261,13 @@ def _set(question: Question, name: str, value: float, rng: np.random.Generator) 
     other = replace(
         question, model=model, record=record, sets=sets, conditions=((*question.conditions[0][:own], value),)
     )
-    known = known_rivals(model, record, question.settings, sets, question.noise)
+    known = other.fitted()
     return propose([other.bench(known, other.conditions[0])], known.rivals, rng, few=True).of_all
 
 
 def _read(question: Question, name: str, u: Floats, rng: np.random.Generator) -> float:
     """How sure one is once a state is read as well, in the range that the best input brings it to."""
-    known = known_rivals(question.model, question.record, question.settings, question.sets, question.noise)
+    known = question.fitted()
     bench = question.bench(known, question.conditions[0])
     states, _ = bench.moved(known.rivals[0], u)
     span = float(np.ptp(states[:, question.model.state_names.index(name)]))

@@ -23,7 +23,7 @@ from simgap.diagnosis.search.scoring import column, list_starts, small_amplitude
 from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import parts_of
-from simgap.diagnosis.simulation.sensitivity import Direction, linearise, scaled, slot_direction
+from simgap.diagnosis.simulation.sensitivity import Direction, inverted, linearise, scaled, slot_direction
 from simgap.diagnosis.simulation.supermodel import SuperModel
 from simgap.distributions import norm
 from simgap.extras.experiment.rivals import Bench, Explained, KnownRivals, margin, members, translated
@@ -62,18 +62,15 @@ class Beside:
         """(e, e + 1) D of each effect at one standard error, with another one in its place or (last) with none."""
         problem, x0 = replace(bench, model=self.model).recorded(states, readings, u)
         gram = self.gram + linearise(problem, self.theta, x0, self.directions).gram
-        gram, scale = scaled(gram)
         count = len(self.columns)
         out = np.full((count, count + 1), np.inf)
         own = list(range(self.own))
         for other in range(count + 1):
             free = [*own, *(self.columns[other] if other < count else ())]
-            inverse = np.linalg.pinv(gram[np.ix_(free, free)], rcond=1e-10, hermitian=True)
-            left = gram - gram[:, free] @ inverse @ gram[free, :]
+            left = gram - gram[:, free] @ inverted(gram[np.ix_(free, free)]) @ gram[free, :]
             for e, (columns, v) in enumerate(zip(self.columns, self.hidden, strict=True)):
                 if e != other:
-                    w = v * scale[list(columns)]
-                    out[e, other] = max(float(w @ left[np.ix_(columns, columns)] @ w), 0.0)
+                    out[e, other] = max(float(v @ left[np.ix_(columns, columns)] @ v), 0.0)
         return out / bench.excess
 
     def told(self, d: Floats, bench: Bench) -> Floats:
@@ -122,7 +119,6 @@ def _one_error(gram: Floats, own: int, columns: tuple[int, ...]) -> Floats:
     """The direction of an effect's coefficients that is known least, as long as its standard error."""
     c, a = list(columns), list(range(own))
     g, scale = scaled(gram)
-    inverse = np.linalg.pinv(g[np.ix_(a, a)], rcond=1e-10, hermitian=True)
-    left = g[np.ix_(c, c)] - g[np.ix_(c, a)] @ inverse @ g[np.ix_(a, c)]
+    left = g[np.ix_(c, c)] - g[np.ix_(c, a)] @ inverted(g[np.ix_(a, a)]) @ g[np.ix_(a, c)]
     values, vectors = np.linalg.eigh(left)
     return np.asarray(vectors[:, 0] / math.sqrt(max(values[0], _UNSEEN)) / scale[c])

@@ -258,13 +258,6 @@ def waves(t: Floats, inputs: int, rng: np.random.Generator) -> Iterator[Wave]:
             yield Wave(f"{name}, all inputs", np.stack(shifts, axis=1))
 
 
-def random_wave(t: Floats, inputs: int, rng: np.random.Generator) -> Wave:
-    """A multisine of random band and size on every input: what a person takes who does not ask."""
-    low, high = sorted(np.exp(rng.uniform(np.log(0.1), np.log(5.0), 2)))
-    u = np.stack([multisine(t, 1.0, low, max(high, 1.5 * low), rng) for _ in range(inputs)], axis=1)
-    return Wave(f"multisine of {low:.2g} to {high:.2g} Hz", u * rng.uniform(0.2, 1.0))
-
-
 def _shapes(t: Floats, rng: np.random.Generator) -> Iterator[tuple[str, Floats]]:
     """Waves (n,) between -1 and 1."""
     span, rate = float(t[-1] - t[0]), 1.0 / float(t[1] - t[0])

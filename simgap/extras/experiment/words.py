@@ -46,7 +46,7 @@ def _recording(question: Question, advice: Advice, units: Mapping[str, str], fil
         f"{n} = {number(float(v))}" for n, v in zip(question.model.state_names, question.start, strict=True)
     )
     held = ", ".join(
-        f"{n} = {number(v)} {pretty_unit(question.model_unit(n))}".strip()
+        f"{n} = {number(v)} {pretty_unit(question.model.units[n])}".strip()
         for n, v in zip(question.model.conditions, advice.bench.held, strict=True)
     )
     under = f" with {held}" if held else ""

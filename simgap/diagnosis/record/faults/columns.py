@@ -76,11 +76,8 @@ def _shifted_products(trace: Trace, j: int, k: int, dt: float, m: int, reach: in
     running = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]))])
     mean = (running[2 * m :] - running[: -2 * m]) / (2 * m)
     inner = slope[reach:-reach]
-    out = np.empty((2 * reach + 1, 3))
-    for s in range(2 * reach + 1):
-        moved = mean[s : s + inner.size]
-        out[s] = moved @ inner, inner @ inner, moved @ moved
-    return out
+    cross, own = np.correlate(mean, inner), np.correlate(mean**2, np.ones_like(inner))
+    return np.stack([cross, np.full_like(cross, inner @ inner), own], axis=1)
 
 
 class SwappedColumns(SeenFault):

@@ -105,14 +105,23 @@ class Drift(ReadingFault):
 
     def units(self, model: SymbolicModel, on: str) -> dict[str, str]:
         """The unit of the state a second."""
-        return {"rate": f"{next(v.unit for v in model.states if v.name == on)}/s"}
+        return {"rate": f"{model.units[on]}/s"}
 
     def distort(self, reading: Floats, value: float, t: Floats, measured: Floats, rows: Ints, since: Floats) -> None:
         """A ramp from the start of each trace."""
         reading += value * since
 
 
-class FilteredVelocity(ReadingFault):
+class _Filtered(ReadingFault):
+    """A channel behind a low pass of first order."""
+
+    long = "{on} that was filtered over {lag}"
+    unit = "s"
+    source = "Oppenheim, Schafer (2010), Discrete-Time Signal Processing, sec. 7.2"
+    parameters = (EffectParameter("lag", "s", "time constant of the filter", null=0.0, lower=0.0, upper=1.0),)
+
+
+class FilteredVelocity(_Filtered):
     """A velocity column was low-pass filtered.
 
     Detected: fitted with the effects. Where the position is measured too, the column is left out of the fit, because
@@ -121,13 +130,10 @@ class FilteredVelocity(ReadingFault):
 
     name = "filtered_velocity"
     channels = "velocity"
-    short, long = "a filter on {on}", "{on} that was filtered over {lag}"
+    short = "a filter on {on}"
     begin = (1.0, 4.0)
-    unit = "s"
     remedy = "Log {} before its filter, or leave its column out."
     formula = "lag y' = v - y"
-    source = "Oppenheim, Schafer (2010), Discrete-Time Signal Processing, sec. 7.2"
-    parameters = (EffectParameter("lag", "s", "time constant of the filter", null=0.0, lower=0.0, upper=1.0),)
 
     def distort(self, reading: Floats, value: float, t: Floats, measured: Floats, rows: Ints, since: Floats) -> None:
         """The filter is exact between samples for a steady change; it begins at what was measured."""
@@ -140,7 +146,7 @@ class FilteredVelocity(ReadingFault):
         return self.told(on, lag, sentence)
 
 
-class FilteredReading(ReadingFault):
+class FilteredReading(_Filtered):
     """A position sensor is slow or filtered.
 
     Detected: tried in place of an input lag or a late reading, and named if it fits better.
@@ -150,14 +156,11 @@ class FilteredReading(ReadingFault):
 
     name = "filtered_reading"
     channels = "position"
-    short, long = "a slow sensor or a filter of {on}", "{on} that was filtered over {lag}"
+    short = "a slow sensor or a filter of {on}"
     begin = ()
-    unit = "s"
     remedy = "Log {} before its filter; of a slow sensor allow for the lag wherever it is fed back."
     formula = "lag y' = x - y"
-    source = "Oppenheim, Schafer (2010), Discrete-Time Signal Processing, sec. 7.2"
     stands_for = ("input_lag", "late_reading")
-    parameters = (EffectParameter("lag", "s", "time constant of the filter", null=0.0, lower=0.0, upper=1.0),)
 
     def distort(self, reading: Floats, value: float, t: Floats, measured: Floats, rows: Ints, since: Floats) -> None:
         """Exact between samples for a steady change; it begins as it would trail the parabola of the first samples."""

@@ -151,14 +151,13 @@ class Overflow(SeenFault):
     def mend(self, record: Record, model: SymbolicModel) -> Mended:
         """The record with whole ranges given back."""
         quantum, faults = resolution(record), []
-        units = {v.name: v.unit for v in model.states}
         for k, name in enumerate(record.measured):
             size = _range(record, k, float(quantum[k]))
             if size > 0.0:
                 traces = tuple(_unwrapped(trace, k, size) for trace in record.traces)
                 record = replace(record, traces=traces)
                 sentence = f"{name} jumps by {size:.4g} from one end of its range to the other; that was undone."
-                faults.append(self.told(name, size, sentence, unit=units[name]))
+                faults.append(self.told(name, size, sentence, unit=model.units[name]))
         return record, tuple(faults)
 
 
