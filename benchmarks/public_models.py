@@ -43,7 +43,7 @@ LEGS, FREE, WHEELS, STILL = "chains of joints begin at its base", "moves freely"
 FILES: tuple[tuple[str, str, dict[str, Any], str], ...] = (
     # folder of a package, file, options, what is right: a case, or a word of the refusal
     (BULLET, "cartpole.urdf", {}, CASE),
-    (BULLET, "pendulum5.urdf", {}, CASE),
+    (BULLET, "pendulum5.urdf", {}, "which joints have a drive"),
     (BULLET, "cube_rotate.urdf", {}, CASE),
     (BULLET, "TwoJointRobot_wo_fixedJoints.urdf", {}, CASE),
     (BULLET, "franka_panda/panda.urdf", {}, "mimics"),

@@ -123,7 +123,7 @@ def _of_joints(
 ) -> str:  # fmt: skip
     file, urdf = model.file, model.file.path
     axes = axes_of(urdf, file.joints, {n: q for n, q in at.items() if n in file.joints})
-    driven, why = drives(file, inputs, len(axes) <= MOST_DERIVED)
+    driven, why = drives(file, inputs)
     axes = [replace(a, driven=a.joint in driven) for a in axes]
     if len(axes) > 1:
         note(f"Inputs on {', '.join(driven)}: {why}. --inputs JOINT,JOINT names others.")
