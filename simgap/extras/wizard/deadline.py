@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import traceback
+import warnings
 from collections.abc import Callable, Iterator
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
@@ -23,7 +24,9 @@ def last_within(seconds: float, search: Callable[[Tell], Iterator[Found]], tell:
     """
     here, there = get_context("fork").Pipe(duplex=False)
     process = get_context("fork").Process(target=_report, args=(seconds, search, there), daemon=True)
-    process.start()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of other threads: the search asks nothing of them
+        process.start()
     there.close()
     last: Found | None = None
     try:

@@ -10,6 +10,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -203,15 +204,8 @@ class Search:
                 kept = [j for j, n in enumerate(self.model.state_names) if n not in self.posture.free]
                 problem = replace(problem, gap=self.rubs.gap(np.array(half), spread), gap_axes=kept)
         solution = specification.solve(problem.game())
-        return Tried(
-            self.sampled.tau,
-            cells,
-            inputs,
-            tuple(steps),
-            tuple(half),
-            solution.fraction if solution.useful else 0.0,
-            against,
-        )
+        won = solution.fraction if solution.useful else 0.0
+        return Tried(self.sampled.tau, cells, inputs, tuple(steps), tuple(half), won, against)
 
     def _step(self, k: int, half: float, count: int, down: bool) -> float:
         """Between values of input k that reach `half` from rest, rounded without passing what its drive gives."""
@@ -279,11 +273,7 @@ def propose(
         UserError: a posture that no input holds, inputs that move nothing, a plant that no feedback holds, an X of next
             to no size, or too little won within the time and the pairs of cell and input that a quick search takes.
     """
-
-    def search(tell: Callable[[str], None]) -> Iterator[Proposal | UserError]:
-        return _answers(model, sampled, at, limits, room, tell, rubs)
-
-    found = last_within(seconds, search, tell)
+    found = last_within(seconds, partial(_answers, model, sampled, at, limits, room, rubs), tell)
     if found is None:
         raise UserError(
             f"not found in the time: {seconds:g} s do not suffice for the coarsest cells", key="synthesis.cells",
@@ -296,8 +286,8 @@ def propose(
 
 def _answers(
     model: SymbolicModel, sampled: Callable[[float], NominalModel], at: Mapping[str, float],
-    limits: Mapping[str, float], room: Mapping[str, tuple[float, float]], tell: Callable[[str], None],
-    rubs: Mapping[str, float] | None,
+    limits: Mapping[str, float], room: Mapping[str, tuple[float, float]], rubs: Mapping[str, float] | None,
+    tell: Callable[[str], None],
 ) -> Iterator[Proposal | UserError]:  # fmt: skip
     """What `propose` answers where it has no more time: one answer after the other, each better than those before."""
     posture = posture_of(model, at)
