@@ -9,6 +9,7 @@ import pytest
 import sympy as sp
 
 from simgap.errors import UserError
+from simgap.extras.wizard import driven_arm
 from simgap.extras.wizard.deadline import last_within
 from simgap.extras.wizard.driven_arm import Tried, rounded
 from simgap.extras.wizard.posture import posture_of, proportions
@@ -237,6 +238,18 @@ def test_an_arm_with_two_motors_gets_a_box_to_reach_within_its_limits():
     for name, (lo, hi) in found.target.items():
         assert found.X[name][0] < lo < hi < found.X[name][1]
     assert any("trying 16 cells along each axis" in words for words in heard)
+
+
+def test_a_stop_nearby_asks_for_weaker_torques(monkeypatch):
+    def play(model, own, flow, posture, half, inputs, tau, cells):
+        return (0.5, "") if (half > 0).all() else (None, "no room")
+
+    monkeypatch.setattr(driven_arm, "_play", play)
+    model = arm()
+    found = propose(model, sampled(model), {}, {"u1": 0.5, "u2": 3.0}, {"q1": (-0.02, 0.5)})
+    (_, place), (_, speed) = found.X["q1"], found.X["v1"]
+    assert 0.0 < place < 0.02 - found.tau * speed
+    assert found.U["u1"][1] < 0.5
 
 
 def test_a_search_is_ended_when_its_time_is_up_and_the_last_that_it_found_is_taken():

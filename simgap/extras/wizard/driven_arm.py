@@ -107,10 +107,6 @@ def driven(
             steps = np.array([rounded(scale / WEAKER**k / math.sqrt(g) / (VALUES // 2), down=True) for g in gains])
             inputs = VALUES // 2 * steps
             half = _half(own, posture, inputs, axes, names, room, tau, cells)
-            if (half <= 0).any():
-                raise UserError(
-                    "the posture leaves the joints no room before their stops", key="--at", remedy="Name another one."
-                )
             half = np.array([rounded(v, down=True) for v in half])
             told = ", ".join(f"{n} +-{v:g}" for n, v in zip(names, half, strict=True))
             tell(f"trying {cells} cells along each axis: {told}" + (f"; best so far {best:.2g}" if best else ""))
@@ -124,8 +120,8 @@ def driven(
             elif not best:
                 yield UserError(
                     f"no torques win at tau = {tau:g} s: {why}", key="domain",
-                    remedy="A longer search (--seconds), or a shorter tau, a smaller X or stronger drives by hand "
-                    "(docs/evidence/two_link.md).",
+                    remedy="A longer search (--seconds), another posture (--at), or a shorter tau, a smaller X or "
+                    "stronger drives by hand (docs/evidence/two_link.md).",
                 )  # fmt: skip
             if wins is not None:
                 if wins <= last:  # weaker ones do not help any more: what is left of the plant is linear
@@ -197,8 +193,10 @@ def _play(
     model: SymbolicModel, own: NominalModel, flow: Flow, posture: Posture, half: Floats, inputs: Floats,
     tau: float, cells: int,
 ) -> tuple[float | None, str]:  # fmt: skip
-    """The share of X that wins against a small gap, None if paths between samples are too wild; what is in the way."""
+    """The share of X that wins against a small gap, None if a path leaves its room; what is in the way."""
     names, x = model.state_names, posture.x
+    if (half <= 0).any():
+        return None, "the posture leaves the joints no room for a step before their stops"
     space = Space(names, Box(x - half, x + half))
     every = posture.u + np.array(list(itertools.product(*(np.linspace(-v, v, VALUES) for v in inputs))))
     spread = GUESS * changed(own, posture, inputs)
