@@ -169,7 +169,12 @@ def pair_seconds(context: Context) -> float:
         return PAIR
     space = Space.of(case)
     grid = space.grid(specification_of(case).region(space), case.synthesis.cells)
-    return PAIR + (0.0 if is_tabulated(model, grid, _inputs(case)) else OPERATION * model.operations_of_an_image)
+    if is_tabulated(model, grid, _inputs(case)):
+        return PAIR
+    kept = set(range(grid.box.size)) - set(free_axes(case))  # cells that differ along others share their boxes
+    read = kept.union(*model.offset_axes, *(axes for row in model.jacobian_axes for axes in row))
+    share = math.prod(n for j, n in enumerate(grid.cells) if j in read) / grid.size
+    return PAIR + OPERATION * model.operations_of_an_image * share
 
 
 def _control(context: Context, rollout: float, startup: float, pair: float) -> Iterator[StageCost]:
