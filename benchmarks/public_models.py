@@ -43,11 +43,12 @@ LEGS, FREE, WHEELS, STILL = "chains of joints begin at its base", "moves freely"
 FILES: tuple[tuple[str, str, dict[str, Any], str], ...] = (
     # folder of a package, file, options, what is right: a case, or a word of the refusal
     (BULLET, "cartpole.urdf", {}, CASE),
-    (BULLET, "pendulum5.urdf", {}, CASE),
+    (BULLET, "pendulum5.urdf", {}, "which joints have a drive"),
     (BULLET, "cube_rotate.urdf", {}, CASE),
     (BULLET, "TwoJointRobot_wo_fixedJoints.urdf", {}, CASE),
     (BULLET, "franka_panda/panda.urdf", {}, "mimics"),
     (BULLET, "franka_panda/panda.urdf", {"joints": ["panda_joint2", "panda_joint4"]}, CASE),
+    (BULLET, "franka_panda/panda.urdf", {"joints": ["panda_joint6", "panda_joint7"]}, CASE),
     (BULLET, "kuka_iiwa/model.urdf", {}, CASE),
     (BULLET, "kuka_iiwa/model.urdf", {"joints": ["lbr_iiwa_joint_4"]}, CASE),
     (BULLET, "xarm/xarm6_robot.urdf", {"joints": ["joint3"]}, CASE),
@@ -66,6 +67,7 @@ FILES: tuple[tuple[str, str, dict[str, Any], str], ...] = (
     (DRAKE, "acrobot/Acrobot.urdf", {}, 'Add <link name="world"/>'),
     (DRAKE, "pendulum/Pendulum.urdf", {}, CASE),
     (DATA, "ur_description/urdf/ur5_robot.urdf", {"joints": ["elbow_joint"]}, CASE),
+    (DATA, "ur_description/urdf/ur5_robot.urdf", {"joints": ["wrist_1_joint", "wrist_2_joint"]}, CASE),
     (DATA, "panda_description/urdf/panda.urdf", {"joints": ["panda_joint4"]}, CASE),
     (DATA, "kinova_description/robots/kinova.urdf", {"joints": ["j2s6s200_joint_2"]}, CASE),
     (DATA, "double_pendulum_description/urdf/double_pendulum.urdf", {}, CASE),

@@ -18,6 +18,10 @@ from simgap.gap.sampling.points import covering_grid, covering_point, free_axes,
 from simgap.gap.thresholds import CHECK_LEVELS, MOST_BORDER_STATES
 from simgap.geometry import Box, Grid
 from simgap.plants.context import Context
+from simgap.specifications.base import specification_of
+from simgap.specifications.space import Space
+from simgap.synthesis.abstraction.nominal import is_tabulated
+from simgap.synthesis.games.reach import MOST_KEPT
 
 START = 1.2
 """CPU seconds that a stage takes to start: imports, compiled kernels read back; the nominal model comes on top."""
@@ -34,8 +38,9 @@ FIT, SLOPES, BOUND = 2e-6, 1e-6, 1e-6
 PROGRAM, LARGE_PROGRAM = 5e-3, 8e-5
 """CPU seconds of the linear programs of one state, for each pair of terms of the basis, and each three of them where
 that is more: 31 terms take 5 s, 49 take 6 s, 81 take 44 s, 121 more than 125 s."""
-PAIR = 2e-7
-"""CPU seconds a pair of cell and input, of a synthesis that ends."""
+PAIR, OPERATION = 2e-7, 6e-9
+"""CPU seconds a pair of cell and input, of a synthesis that ends; and of each operation by which f is enclosed over a
+cell where that is done for every pair, since its tables would be too large."""
 ROW_PAIR = 3e-9
 """The same where whole rows of cells are decided at once: a robot whose gap does not depend on where it stands."""
 MARGIN = 4e-7
@@ -63,7 +68,7 @@ class StageCost:
 
 
 def costs(
-    context: Context, rollout: float | None = None, eps: float | None = None, build: float = 0.0
+    context: Context, rollout: float | None = None, eps: float | None = None, build: float = 0.0, pair: float = PAIR
 ) -> list[StageCost]:
     """The stages of a case, in order.
 
@@ -72,9 +77,10 @@ def costs(
         rollout: measured time of a roll-out of its simulator, s.
         eps: radius of the balls that cover X where it is not the case's own.
         build: measured time in which the nominal model is built, s; most stages build it.
+        pair: `pair_seconds` of the nominal model, where it is built.
     """
     rollout, startup = rollout or ROLLOUT, START + build
-    found = [*_samples(context, rollout, eps, startup), *_control(context, rollout, startup)]
+    found = [*_samples(context, rollout, eps, startup), *_control(context, rollout, startup, pair)]
     return [*found, _beside(context, len(found))] if found else []
 
 
@@ -156,7 +162,22 @@ def _grid(context: Context, eps: float | None) -> Grid:
     return covering_grid(case, context.box, own_point(case) if eps is None else covering_point(eps))
 
 
-def _control(context: Context, rollout: float, startup: float) -> Iterator[StageCost]:
+def pair_seconds(context: Context) -> float:
+    """CPU seconds a pair of cell and input, by the nominal model of a case with a controller."""
+    case, model = context.case, context.plant.sampled
+    if case.synthesis is None or not context.plant.carried.derived:
+        return PAIR
+    space = Space.of(case)
+    grid = space.grid(specification_of(case).region(space), case.synthesis.cells)
+    if is_tabulated(model, grid, _inputs(case)):
+        return PAIR
+    kept = set(range(grid.box.size)) - set(free_axes(case))  # cells that differ along others share their boxes
+    read = kept.union(*model.offset_axes, *(axes for row in model.jacobian_axes for axes in row))
+    share = math.prod(n for j, n in enumerate(grid.cells) if j in read) / grid.size
+    return PAIR + OPERATION * model.operations_of_an_image * share
+
+
+def _control(context: Context, rollout: float, startup: float, pair: float) -> Iterator[StageCost]:
     case = context.case
     if case.synthesis is None:
         return
@@ -167,13 +188,14 @@ def _control(context: Context, rollout: float, startup: float) -> Iterator[Stage
     packed = math.ceil(inputs / 8)
     a_cell = 9 + 8 * len(context.states) + (2 if case.synthesis.record == "one" else rows * packed)
     wheeled = case.plant.symbolic is not None and case.plant.symbolic.wheels is not None
-    rate = ROW_PAIR if wheeled and not (case.sensing is not None and case.sensing.latency) else PAIR
+    rate = ROW_PAIR if wheeled and not (case.sensing is not None and case.sensing.latency) else pair
     controllers = 2 if case.simulator is not None and (case.gap is not None or case.hidden_state is not None) else 1
     nodes = rows + (controllers - 1) * (1 if case.hidden_state is not None else rows)  # one knows no earlier input
     seconds = controllers * startup + rate * cells * inputs * nodes
+    kept = min(4 * MOST_KEPT, 8 * len(context.states) * cells * inputs) if pair > PAIR and not _holds(case) else 0
     of = "pairs of cell and input" + " for each of two controllers" * (controllers > 1)
     yield StageCost(
-        "synthesis", cells * inputs * rows, of, seconds, BYTES + a_cell * cells, "synthesis.cells",
+        "synthesis", cells * inputs * rows, of, seconds, BYTES + a_cell * cells + kept, "synthesis.cells",
     )  # fmt: skip
     if case.validation is not None and case.simulator is not None:
         steps, ends = (

@@ -12,7 +12,7 @@ from simgap.arrays import Floats
 from simgap.geometry import rows
 from simgap.late import sympy as sp
 from simgap.model.compile import Kernel, compile_interval_kernel, compile_kernel
-from simgap.model.integrators import RungeKutta
+from simgap.model.integrators import STAGES, RungeKutta
 from simgap.model.kernel_cache import cached_kernel
 
 MOST_OPERATIONS = 3_000
@@ -42,6 +42,13 @@ class NominalModel:
         """Number of operations to be compiled."""
         rule = self.rule
         return sum(int(sp.count_ops(e)) for e in (rule.xdot if isinstance(rule, RungeKutta) else rule))
+
+    @property
+    def operations_of_an_image(self) -> int:
+        """Number of operations by which f is enclosed over a box, what its expressions have in common counted once."""
+        if isinstance(self.rule, RungeKutta):
+            return (2 * STAGES - 1) * _once(self.rule.xdot) + STAGES * _once(self.rule.slopes)
+        return _once(self.f) + _once(self.jacobian_exprs)
 
     @property
     def too_long_to_write_out(self) -> bool:
@@ -122,6 +129,11 @@ class NominalModel:
 
     def _boxes(self, lo: ArrayLike, hi: ArrayLike, u: ArrayLike) -> tuple[Floats, ...]:
         return rows((lo, self.x), (hi, self.x), (u, self.u))
+
+
+def _once(exprs: tuple[sp.Expr, ...]) -> int:
+    parts, rest = sp.cse(exprs)
+    return sum(int(sp.count_ops(e)) for e in (*(e for _, e in parts), *rest))
 
 
 @cache

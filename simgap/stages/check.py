@@ -16,7 +16,7 @@ from simgap.gap.sampling.points import covering_grid, own_point
 from simgap.io.documents import write_json
 from simgap.lint.angles import affordable_or_degrees, find_degrees, refuse_seams
 from simgap.lint.controller import refuse_free_path, refuse_specification
-from simgap.lint.costs import StageCost, affordable, costs, duration, size
+from simgap.lint.costs import StageCost, affordable, costs, duration, pair_seconds, size
 from simgap.lint.engine import model_file, of_engine
 from simgap.lint.equations import (
     find_heavy_steps,
@@ -103,7 +103,7 @@ def run(
         if case.simulator is not None:
             tell_user(f"querying the engine {case.simulator.engine}")
         findings, rollout = of_engine(context, file, engine_log)
-        found = costs(context, rollout, build=build) if case.domain is not None else []
+        found = costs(context, rollout, build=build, pair=pair_seconds(context)) if case.domain is not None else []
         affordable(context, found)
         of_numbers = run_checks(OF_NUMBERS, context)
     result = Checked(found, _cells(context), [*(findings or []), *of_angles, *of_numbers], findings is not None)

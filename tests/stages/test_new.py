@@ -70,7 +70,7 @@ def test_a_joint_that_rubs_gets_a_bound_that_follows_it(root, tmp_path):
 NUMBERS = Numbers(
     Proposal(
         0.05, {"q1": (-0.25, 0.25), "q2": (-0.2, 0.2), "v1": (-1.0, 1.0), "v2": (-1.5, 1.5)},
-        {"u1": (-9.0, 9.0, 4.5), "u2": (-2.0, 2.0, 1.0)}, (12, 12, 14, 14), 0.25, ("q1",), (), 1.0,
+        {"u1": (-9.0, 9.0, 4.5), "u2": (-2.0, 2.0, 1.0)}, (12, 12, 14, 14), 0.25, ("q1",), 1.0,
     ),
     {"q2": 0.02, "v1": 0.1, "v2": 0.15}, 2,
 )  # fmt: skip
@@ -157,14 +157,14 @@ LIMIT = '<limit lower="-12.6" upper="12.6" effort="100" velocity="100"/>'
 
 def test_joints_have_a_drive_where_the_file_says_so(root, tmp_path):
     both = ("shoulder", "elbow")
-    assert drives(geared(root, tmp_path, transmissions=["elbow"]), None, True)[0] == ("elbow",)
-    assert drives(geared(root, tmp_path), None, True)[0] == both
-    assert drives(geared(root, tmp_path), ["elbow"], True)[0] == ("elbow",)
+    assert drives(geared(root, tmp_path, transmissions=["elbow"]), None)[0] == ("elbow",)
+    assert drives(geared(root, tmp_path), None)[0] == both
+    assert drives(geared(root, tmp_path), ["elbow"])[0] == ("elbow",)
     free = [('name="elbow" type="revolute"', 'name="elbow" type="continuous"')]
     loose = (tmp_path / "m.urdf").read_text()
     head, tail = loose.rsplit(LIMIT, 1)
     (tmp_path / "m.urdf").write_text((head + tail).replace(*free[0]))
-    assert drives(read_model_file(tmp_path / "m.urdf"), None, True)[0] == ("shoulder",)
+    assert drives(read_model_file(tmp_path / "m.urdf"), None)[0] == ("shoulder",)
 
 
 def test_what_drives_an_underactuated_robot_is_asked_for(root, tmp_path):

@@ -1,14 +1,19 @@
 """Proportions of cells against their definition; what is proposed for a plant is won, and nothing beyond its limits."""
 
+import os
+import signal
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import sympy as sp
 
 from simgap.errors import UserError
-from simgap.extras.wizard.budget import Budget
-from simgap.extras.wizard.driven_arm import rounded
+from simgap.extras.wizard import driven_arm
+from simgap.extras.wizard.deadline import last_within
+from simgap.extras.wizard.driven_arm import Tried, rounded
 from simgap.extras.wizard.posture import posture_of, proportions
-from simgap.extras.wizard.proposal import HELD, WINS, Search, Tried, _held, propose
+from simgap.extras.wizard.proposal import HELD, WINS, Search, _held, propose
 from simgap.extras.wizard.propose import Numbers
 from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import Coordinate, SymbolicModel, Variable, symbol
@@ -83,22 +88,18 @@ def test_what_is_proposed_is_won_within_the_limits(limit):
 
 def test_cells_that_win_alone_are_refined_until_they_win_against_a_gap_while_there_is_time():
     def tried(cells, wins):
-        return Tried((cells,), (1.0,), (0.1,), (1.0,), wins)
+        return Tried(0.1, (cells,), (1.0,), (0.1,), (1.0,), wins)
 
     class Games(Search):
         def __init__(self):
             super().__init__(None, None, None, None, {}, {})
 
-        def pairs(self, cells, share):
-            return cells[0]
-
         def play(self, cells, share, against):
             return tried(cells[0], 0.2 if cells[0] >= 30 else 0.0)
 
     alone, rounds = [tried(10, 0.2)], [(10,), (20,), (30,), (40,)]
-    assert _held(Games(), list(alone), 0.1, rounds, lambda words: None, Budget(np.inf)).cells == (30,)
-    assert _held(Games(), list(alone), 0.1, rounds[:2], lambda words: None, Budget(np.inf)).cells == (10,)
-    assert _held(Games(), list(alone), 0.1, rounds, lambda words: None, Budget(0.0)).cells == (10,)
+    assert [t.cells for t in _held(Games(), list(alone), 0.1, rounds, lambda words: None)] == [(30,)]
+    assert list(_held(Games(), list(alone), 0.1, rounds[:2], lambda words: None)) == []
 
 
 @pytest.mark.parametrize("limit", np.linspace(0.5, 3.0, 40))
@@ -236,22 +237,59 @@ def test_an_arm_with_two_motors_gets_a_box_to_reach_within_its_limits():
     assert place + found.tau * speed < 0.5
     for name, (lo, hi) in found.target.items():
         assert found.X[name][0] < lo < hi < found.X[name][1]
-    assert any("trying 28 cells along each axis" in words for words in heard)
+    assert any("trying 16 cells along each axis" in words for words in heard)
 
 
-def test_an_arm_without_time_gets_its_reason():
+def test_a_stop_nearby_asks_for_weaker_torques(monkeypatch):
+    def play(model, own, flow, posture, half, inputs, tau, cells):
+        return (0.5, "") if (half > 0).all() else (None, "no room")
+
+    monkeypatch.setattr(driven_arm, "_play", play)
     model = arm()
-    with pytest.raises(UserError, match=r"at tau = 0.1 s: no torques were tried within the time"):
-        propose(model, sampled(model), {}, {}, {}, seconds=1e-9)
+    found = propose(model, sampled(model), {}, {"u1": 0.5, "u2": 3.0}, {"q1": (-0.02, 0.5)})
+    (_, place), (_, speed) = found.X["q1"], found.X["v1"]
+    assert 0.0 < place < 0.02 - found.tau * speed
+    assert found.U["u1"][1] < 0.5
 
 
-def test_no_game_is_begun_that_would_not_end_in_time():
-    budget = Budget(100.0)
-    budget.gauge(10, lambda: sum(range(10**5)))
-    assert budget.allows(10)
-    assert not budget.refused
-    assert not budget.allows(10**9)
-    assert budget.refused
-    assert budget.spent(10, lambda: "won") == "won"
-    with pytest.raises(UserError, match="not found in the time"):
-        propose(pendulum(), sampled(pendulum()), {}, {}, {}, seconds=0.0)
+def test_a_search_is_ended_when_its_time_is_up_and_the_last_that_it_found_is_taken():
+    def search(tell):
+        yield 1
+        tell("on the way")
+        yield 2
+        while True:
+            pass
+
+    heard, before = [], os.times()
+    assert last_within(0.3, search, heard.append) == 2
+    after = os.times()
+    assert heard == ["on the way"]
+    assert 0.2 < after.children_user + after.children_system - before.children_user - before.children_system < 0.6
+    assert last_within(0.0, lambda tell: iter(int, 1), heard.append) in (None, 0)
+    for model in (pendulum(), arm()):
+        with pytest.raises(UserError, match=r"not found in the time: 0\.01 s do not suffice"):
+            propose(model, sampled(model), {}, {}, {}, seconds=0.01)
+
+
+def test_what_a_search_raises_or_dies_of_is_no_answer():
+    def fails(tell):
+        yield 1
+        raise ZeroDivisionError("within")
+
+    with pytest.raises(ZeroDivisionError, match="within"):
+        last_within(10.0, fails, print)
+    with pytest.raises(RuntimeError, match="ended with status -9"):
+        last_within(10.0, lambda tell: os.kill(os.getpid(), signal.SIGKILL), print)
+
+
+def test_a_step_in_which_the_inputs_do_nothing_is_told_from_inputs_that_are_weak():
+    """Joints whose damping ends every motion in a thousandth of a second."""
+    model = arm()
+    heavy = replace(
+        model,
+        xdot=(*model.xdot[:2], *(e - 1000 * v.symbol for e, v in zip(model.xdot[2:], model.states[2:], strict=True))),
+    )
+    with pytest.raises(
+        UserError, match=r"rate of 1e\+03 1/s, and in the tau of 0.0007 s that this asks for the inputs"
+    ):
+        propose(heavy, sampled(heavy), {}, {"u1": 0.5, "u2": 3.0}, {})

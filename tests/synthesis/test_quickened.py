@@ -8,7 +8,7 @@ from simgap.extras.wizard.proposal import Proposal
 from simgap.extras.wizard.propose import TIMES, quickened
 
 SLOW = Proposal(
-    0.1, {"q": (-0.2, 0.2), "v": (-0.5, 0.5)}, {"u": (-0.2, 0.2, 0.1)}, (37, 37), 0.4, (), (), 1.0,
+    0.1, {"q": (-0.2, 0.2), "v": (-0.5, 0.5)}, {"u": (-0.2, 0.2, 0.1)}, (37, 37), 0.4, (), 1.0,
     {"q": (-0.06, 0.06), "v": (-0.2, 0.2)}, 0.04,
 )  # fmt: skip
 
@@ -43,7 +43,7 @@ def test_what_drive_or_joint_does_not_allow_is_refused_with_the_reason():
         quickened(SLOW, {"v"}, {"u": 0.5}, {"u": 2.0}, {})
     with pytest.raises(UserError, match=r"takes v up to 2\.1, and the joint's velocity limit is 1"):
         quickened(SLOW, {"v"}, {"u": 0.5}, {}, {"v": (-1.0, 1.0)})
-    held = Proposal(0.1, SLOW.X, SLOW.U, (37, 37), 0.4, (), (), 1.0)
+    held = Proposal(0.1, SLOW.X, SLOW.U, (37, 37), 0.4, (), 1.0)
     with pytest.raises(UserError, match=r"holding the posture takes 0\.2 of u, the dry friction there is 0\.5"):
         quickened(held, {"v"}, {"u": 0.5}, {}, {})
     assert quickened(held, {"v"}, {"u": 0.05}, {}, {}) is held

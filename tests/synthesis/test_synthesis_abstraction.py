@@ -14,7 +14,9 @@ from simgap.geometry import Box, Grid
 from simgap.model.sampled import NominalModel
 from simgap.specifications.invariance import Invariance
 from simgap.specifications.space import Space
+from simgap.synthesis.abstraction import nominal
 from simgap.synthesis.abstraction.nominal import nominal_abstraction
+from simgap.synthesis.games import reach
 from simgap.synthesis.games.game import MeasuredGame
 from simgap.synthesis.games.invariance import invariance
 from simgap.synthesis.games.reach import reach_avoid
@@ -188,6 +190,21 @@ def test_a_winning_cell_has_an_input_whose_box_stays_winning(cells):
         ]
         assert np.array_equal(stays, unpack(solution.mask[cell], 25))
         assert any(stays)
+
+
+@pytest.mark.parametrize("name", ["pendulum", "rubbing"])
+def test_boxes_that_are_kept_are_those_that_are_made_again_at_every_level(name, monkeypatch):
+    model, inputs, region, periodic = plant(name)
+    grid = Grid(region, (61, 46), periodic)
+    monkeypatch.setattr(nominal, "_fits", lambda *of: False)
+    a = nominal_abstraction(model, grid, inputs)
+    target = (np.abs(grid.centres()) < 0.4 * region.hi).all(axis=1)
+    kept = reach_avoid(a, target, np.ones(grid.size, bool), backend="table")
+    monkeypatch.setattr(reach, "MOST_KEPT", 0)
+    again = reach_avoid(a, target, np.ones(grid.size, bool), backend="table")
+    assert target.sum() < kept.winning.sum()
+    assert np.array_equal(kept.value, again.value)
+    assert np.array_equal(kept.mask, again.mask)
 
 
 def test_a_periodic_reach_with_gap_goes_down_every_step():

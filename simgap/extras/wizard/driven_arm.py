@@ -12,18 +12,17 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import cache
 
 import numpy as np
 
 from simgap.arrays import Floats
 from simgap.errors import BrokenPromise, UserError
-from simgap.extras.wizard.budget import Budget
-from simgap.extras.wizard.posture import Posture, check_room, check_strength
+from simgap.extras.wizard.posture import NOTHING, Posture, check_room, check_strength
 from simgap.geometry import Box
-from simgap.late import numba
+from simgap.model.kernel_cache import cached_kernel
 from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import SymbolicModel
 from simgap.specifications.reach_avoid import ReachAvoid
@@ -34,14 +33,17 @@ from simgap.synthesis.synthesise import SynthesisProblem
 
 TURN, LONGEST = 0.7, 0.1
 """Sampling time: of 1 / the fastest rate of the linear model, and s at most. Judgement."""
-CELLS_A_STEP, GAIN = 3.1, 0.45
-"""Of a light and damped arm of .35 m and .26 m, .36 of X is won with a gap on 28 cells an axis where a step at full
-speed crosses 3.1 cells, and .03 where it crosses 1.6; the inputs change a speed by .45 of its half-width."""
+CELLS_A_STEP, GAIN, VALUES = 3.1, 0.65, 7
+"""A step at full speed crosses so many cells of a position; the inputs change a speed by so much of its half-width, in
+so many values. Set on two masses that are pushed, on 16 cells an axis and with the gap of GUESS: .82 of X is won, .73
+with PULL; with 5 values, or 5 cells a step, .07 at most; with a gain of .55 .81 and .66."""
+PULL = 0.5
+"""Of what the inputs do in a step, what gravity and springs may do at the edge of X. Judgement."""
 GUESS = 0.04
 """Of what the largest inputs do in a step: the gap that is played against. On that arm .08 leaves .05 of 28 cells."""
-FEW, TRIED, MORE, VALUES = 10, 28, 1.3, 5
-"""Cells along each axis where a game is timed, and in the search; as many times more in the case, for a gap that is
-larger; values of an input."""
+TRIED, MORE = (16, 20, 24), 1.3
+"""Cells along each axis in the search, more where fewer do not win; as many times more in the case, for a gap that is
+larger."""
 FARTHEST, STRAYS, TIMES, WEAKER = 1.2, 0.3, 10, 1.5
 """Half-width of X for a position, rad or m, at most; of X what a path may stray between samples; how often torques
 are tried, each time by how much weaker. Judgement."""
@@ -52,15 +54,19 @@ TARGET, SLOW = 0.3, 0.4
 
 
 @dataclass(frozen=True)
-class Driven:
-    """What was found: as `proposal.Proposal`, with the box to reach by state."""
+class Tried:
+    """One game: its step, s, and cells, largest inputs beyond those at rest, how far apart, half of X, what it won."""
 
     tau: float
-    half: tuple[float, ...]
-    inputs: tuple[float, ...]
     cells: tuple[int, ...]
+    inputs: tuple[float, ...]
+    steps: tuple[float, ...]
+    box: tuple[float, ...]
     wins: float
-    target: Mapping[str, tuple[float, float]]
+    against: float = 0.0
+    """What share of what the inputs do in a step was played against, as a gap."""
+    target: Mapping[str, tuple[float, float]] | None = None
+    """What is to be reached, by state, if anything is."""
 
 
 def is_driven(model: SymbolicModel) -> bool:
@@ -75,16 +81,15 @@ def driven(
     limits: Mapping[str, float],
     room: Mapping[str, tuple[float, float]],
     tell: Callable[[str], None],
-    budget: Budget,
-) -> Driven:
-    """Numbers for the plant; the arguments are those of `propose`, and `budget` has its time.
+) -> Iterator[Tried | UserError]:
+    """Numbers for the plant, better and better ones, or why there are none yet; the arguments are those of `propose`.
 
     Raises:
-        UserError: nothing is won, with what stands in the way.
+        UserError: nothing can be won, with what stands in the way.
     """
-    tau = rounded(min(LONGEST, TURN / posture.rate))
+    tau = rounded(min(LONGEST, TURN / posture.rate, _longest_against_pull(model, posture)))
     check_room([c.position for c in model.coordinates], np.full(2, FARTHEST), room)
-    own, flow, reason = sampled(tau), flow_of(model), "no torques were tried within the time"
+    own, flow = sampled(tau), flow_of(model)
     names, axes = model.state_names, [(c.position, c.velocity) for c in model.coordinates]
     gains = np.abs(posture.b[[names.index(v) for _, v in axes]]).max(axis=0)
     if (gains <= 0.0).any():
@@ -93,38 +98,61 @@ def driven(
             remedy="Name another one, or choose tau, X and U by hand.",
         )  # fmt: skip
     most = np.array([limits.get(n, math.inf) - abs(u) for n, u in zip(model.input_names, posture.u, strict=True)])
-    size = _size(own, posture, gains, axes, names, tau)
-    check_strength(model.input_names, most, size / np.sqrt(gains))
-    scale = min(size, float((most * np.sqrt(gains)).min()))
-    best: Driven | None = None
-    for _ in range(TIMES):
-        inputs = np.array([rounded(scale / math.sqrt(g), down=True) for g in gains])
-        half = _half(own, posture, inputs, axes, names, room, tau)
-        if (half <= 0).any():
-            raise UserError(
-                "the posture leaves the joints no room before their stops", key="--at", remedy="Name another one."
-            )
-        half = np.array([rounded(v, down=True) for v in half])
-        game = partial(_play, model, own, flow, posture, half, inputs, tau, reason)
-        budget.gauge(FEW ** len(names) * VALUES**2, partial(game, FEW))
-        if not budget.allows(TRIED ** len(names) * VALUES**2):
-            break
-        told = ", ".join(f"{n} +-{v:g}" for n, v in zip(names, half, strict=True))
-        tell(f"trying {TRIED} cells along each axis: {told}" + (f"; best so far {best.wins:.2g}" if best else ""))
-        wins, reason = budget.spent(TRIED ** len(names) * VALUES**2, game)
-        if best is None or wins > best.wins:
-            cells = (math.ceil(MORE * TRIED),) * len(names)
-            best = Driven(tau, tuple(half), tuple(inputs), cells, wins, _target(model, posture, half))
-        if best.wins >= ENOUGH:
-            break
-        scale /= WEAKER
-    if best is None or best.wins == 0.0:
+    best = 0.0
+    for cells in TRIED:
+        size, last = _size(own, posture, gains, axes, names, tau, cells), -1.0
+        _check_strength(model, posture, tau, most, size / np.sqrt(gains))
+        scale = min(size, float((most * np.sqrt(gains)).min()))
+        for k in range(TIMES):
+            steps = np.array([rounded(scale / WEAKER**k / math.sqrt(g) / (VALUES // 2), down=True) for g in gains])
+            inputs = VALUES // 2 * steps
+            half = _half(own, posture, inputs, axes, names, room, tau, cells)
+            half = np.array([rounded(v, down=True) for v in half])
+            told = ", ".join(f"{n} +-{v:g}" for n, v in zip(names, half, strict=True))
+            tell(f"trying {cells} cells along each axis: {told}" + (f"; best so far {best:.2g}" if best else ""))
+            wins, why = _play(model, own, flow, posture, half, inputs, tau, cells)
+            if wins is not None and wins > best:
+                best, fine = wins, (math.ceil(MORE * cells),) * len(names)
+                target = _target(model, posture, half)
+                yield Tried(tau, fine, tuple(inputs), tuple(steps), tuple(half), wins, GUESS, target)
+                if wins >= ENOUGH:
+                    return
+            elif not best:
+                yield UserError(
+                    f"no torques win at tau = {tau:g} s: {why}", key="domain",
+                    remedy="A longer search (--seconds), another posture (--at), or a shorter tau, a smaller X or "
+                    "stronger drives by hand (docs/evidence/two_link.md).",
+                )  # fmt: skip
+            if wins is not None:
+                if wins <= last:  # weaker ones do not help any more: what is left of the plant is linear
+                    break
+                last = wins
+
+
+def _check_strength(model: SymbolicModel, posture: Posture, tau: float, most: Floats, wanted: Floats) -> None:
+    """Refuse inputs, (m,), that are next to nothing of what X would take, or a step in which they do next to nothing.
+
+    Raises:
+        UserError: with the inputs or, where they would be enough for the longest step, the plant's rate.
+    """
+    check_strength(model.input_names, most, wanted * (tau / LONGEST) ** 2)
+    if (most < NOTHING * wanted).all():
         raise UserError(
-            f"no torques win at tau = {tau:g} s: {reason}", key="domain",
-            remedy="A longer search (--seconds), or a shorter tau, a smaller X or stronger drives by hand "
-            "(docs/evidence/two_link.md).",
+            f"its fastest motion has a rate of {posture.rate:.3g} 1/s, and in the tau of {tau:g} s that this asks for "
+            "the inputs hardly move anything", key="domain.tau",
+            remedy="Look at the joints' damping and the links' inertias, or take other joints (--joints).",
         )  # fmt: skip
-    return best
+
+
+def _longest_against_pull(model: SymbolicModel, posture: Posture) -> float:
+    """The sampling time, s, in which gravity and springs at the edge of X change speeds by PULL of what inputs do.
+
+    By the linear model: the edge is cells / (2 CELLS_A_STEP) steps at full speed away, and grows with tau itself.
+    """
+    names = model.state_names
+    rows, columns = ([names.index(getattr(c, kind)) for c in model.coordinates] for kind in ("velocity", "position"))
+    pull = float(np.abs(np.linalg.eigvals(np.abs(posture.a[np.ix_(rows, columns)]))).max())
+    return math.sqrt(PULL * GAIN * 2 * CELLS_A_STEP / (TRIED[-1] * pull)) if pull else math.inf
 
 
 def changed(own: NominalModel, posture: Posture, inputs: Floats) -> Floats:
@@ -136,7 +164,7 @@ def changed(own: NominalModel, posture: Posture, inputs: Floats) -> Floats:
 
 def _half(
     own: NominalModel, posture: Posture, inputs: Floats, axes: list[tuple[str, str]], names: tuple[str, ...],
-    room: Mapping[str, tuple[float, float]], tau: float,
+    room: Mapping[str, tuple[float, float]], tau: float, cells: int,
 ) -> Floats:  # fmt: skip
     """Half-widths of X for these inputs, (nx,)."""
     moved, half = changed(own, posture, inputs), np.zeros(len(names))
@@ -147,42 +175,46 @@ def _half(
         half[k] = min(speed, 0.9 * hi, -0.9 * lo)
         stops = room.get(q, (-math.inf, math.inf))
         free = min(stops[1] - posture.x[j], posture.x[j] - stops[0]) - 1.5 * tau * half[k]
-        half[j] = min(half[k] * tau * TRIED / (2 * CELLS_A_STEP), free, FARTHEST)
+        half[j] = min(half[k] * tau * cells / (2 * CELLS_A_STEP), free, FARTHEST)
     return half
 
 
 def _size(
-    own: NominalModel, posture: Posture, gains: Floats, axes: list[tuple[str, str]], names: tuple[str, ...], tau: float
-) -> float:
+    own: NominalModel, posture: Posture, gains: Floats, axes: list[tuple[str, str]], names: tuple[str, ...], tau: float,
+    cells: int,
+) -> float:  # fmt: skip
     """Of the inputs, times the root of their gain, with which X is as wide as it may be."""
-    one = _half(own, posture, 1e-3 / np.sqrt(gains), axes, names, {}, tau)
+    one = _half(own, posture, 1e-3 / np.sqrt(gains), axes, names, {}, tau, cells)
     widest = max(one[names.index(q)] for q, _ in axes)
     return 1e-3 * FARTHEST / widest
 
 
 def _play(
     model: SymbolicModel, own: NominalModel, flow: Flow, posture: Posture, half: Floats, inputs: Floats,
-    tau: float, reason: str, cells: int = TRIED,
-) -> tuple[float, str]:  # fmt: skip
-    """The share of X that wins against the path between samples and a small gap, and what was in the way."""
+    tau: float, cells: int,
+) -> tuple[float | None, str]:  # fmt: skip
+    """The share of X that wins against a small gap, None if a path leaves its room; what is in the way."""
     names, x = model.state_names, posture.x
+    if (half <= 0).any():
+        return None, "the posture leaves the joints no room for a step before their stops"
     space = Space(names, Box(x - half, x + half))
     every = posture.u + np.array(list(itertools.product(*(np.linspace(-v, v, VALUES) for v in inputs))))
     spread = GUESS * changed(own, posture, inputs)
     try:
         stray, _ = excursion(flow, space.box, every, tau, spread / tau, names)
     except BrokenPromise:
-        return 0.0, "at speeds that give the cells a chance one joint throws the other out of X between two samples"
+        return None, "at speeds that give the cells a chance one joint throws the other out of X between two samples"
     if (stray[1] > STRAYS * half).any():
         worst = names[int((stray[1] / half).argmax())]
-        return 0.0, f"between samples {worst} strays by more than {STRAYS:g} of X"
+        return None, f"between samples {worst} strays by more than {STRAYS:g} of X"
     specification = ReachAvoid(kind="reach_avoid", target=_target(model, posture, half))
     problem = SynthesisProblem(
-        own, specification, space, (cells,) * len(names), every, gap=constant(spread), gap_axes=[], stray=stray
-    )
+        own, specification, space, (cells,) * len(names), beside_inputs(every, spread), gap_beside_inputs(), [],
+        stray=stray,
+    )  # fmt: skip
     solution = specification.solve(problem.game())
     wins = float(solution.winning.mean()) if solution.useful else 0.0
-    return wins, reason if wins else "the inputs do not bring the plant to the target on these cells"
+    return wins, "" if wins else "the inputs do not bring the plant to the target on these cells"
 
 
 def _target(model: SymbolicModel, posture: Posture, half: Floats) -> dict[str, tuple[float, float]]:
@@ -193,16 +225,22 @@ def _target(model: SymbolicModel, posture: Posture, half: Floats) -> dict[str, t
     return {n: (float(at - own), float(at + own)) for n, at, own in ends}
 
 
-def constant(spread: Floats) -> Kernel:
-    """A gap of +-spread everywhere."""
+def beside_inputs(inputs: Floats, spread: Floats) -> Floats:
+    """Inputs (M, nu) with a gap of +-spread (nx,) behind each, which `gap_beside_inputs` reads: (M, nu + nx)."""
+    return np.hstack([inputs, np.tile(spread, (len(inputs), 1))])
 
-    @numba.njit(error_model="numpy")
+
+@cache
+def gap_beside_inputs() -> Kernel:
+    """The gap that stands behind an input. It is compiled once, whatever gaps are tried."""
+
+    @cached_kernel
     def gap(xlo, xhi, u, lo, hi):  # type: ignore[no-untyped-def]
+        first = len(u) - len(lo)
         for i in range(len(lo)):
-            lo[i], hi[i] = -spread[i], spread[i]
+            lo[i], hi[i] = -u[first + i], u[first + i]
 
-    found: Kernel = gap
-    return found
+    return gap
 
 
 def rounded(value: float, down: bool = False) -> float:

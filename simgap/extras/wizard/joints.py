@@ -48,11 +48,11 @@ class Axis:
         return (self.range[1] - self.range[0]) / 2
 
 
-def drives(file: ModelFile, named: Sequence[str] | None, derived: bool) -> tuple[tuple[str, ...], str]:
+def drives(file: ModelFile, named: Sequence[str] | None) -> tuple[tuple[str, ...], str]:
     """The joints that have a drive, in the order of the file, and what says so.
 
     Raises:
-        UserError: a name that is no moving joint, or a file of two joints that does not say which of them are driven.
+        UserError: a name that is no moving joint, or a file that does not say which of its joints are driven.
     """
     joints = file.joints
     if named is not None:
@@ -62,7 +62,7 @@ def drives(file: ModelFile, named: Sequence[str] | None, derived: bool) -> tuple
     stated = tuple(n for n, joint in joints.items() if joint.effort)
     if stated and len(stated) < len(joints):
         return stated, "the URDF states an effort for no other joint"
-    if stated or len(joints) == 1 or not derived:
+    if stated or len(joints) == 1:
         return tuple(joints), "the URDF has no <transmission>, so every joint is assumed to have a drive"
     raise UserError(
         "does not say which joints have a drive", file=file.path, key="<transmission>",

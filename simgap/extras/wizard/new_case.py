@@ -20,7 +20,7 @@ from simgap.extras.wizard.dry_friction_guess import blocks_along
 from simgap.extras.wizard.joints import SPEED, TAU, Axis, axes_of, drives, needed_inputs
 from simgap.extras.wizard.model_file import Asked, NewModel, model_of_mjcf, model_of_urdf
 from simgap.extras.wizard.proposal import SECONDS, Proposal
-from simgap.extras.wizard.propose import numbers, shown
+from simgap.extras.wizard.propose import TIMES, numbers, shown
 from simgap.io.atomic import write_text
 from simgap.io.pages import text
 from simgap.io.wheeled_urdf import WheelPair, case_of_wheels, wheels_of
@@ -123,7 +123,7 @@ def _of_joints(
 ) -> str:  # fmt: skip
     file, urdf = model.file, model.file.path
     axes = axes_of(urdf, file.joints, {n: q for n, q in at.items() if n in file.joints})
-    driven, why = drives(file, inputs, len(axes) <= MOST_DERIVED)
+    driven, why = drives(file, inputs)
     axes = [replace(a, driven=a.joint in driven) for a in axes]
     if len(axes) > 1:
         note(f"Inputs on {', '.join(driven)}: {why}. --inputs JOINT,JOINT names others.")
@@ -174,10 +174,10 @@ def _plain(urdf: Path, file: ModelFile, axes: list[Axis], about: Mapping[str, An
     driven = [a for a in axes if a.driven]
     efforts = {a.drive: file.joints[a.joint].effort or None for a in axes}
     reach, speed = np.array([a.reach for a in axes]), np.full(len(axes), SPEED)
-    needed = {
-        a.drive: _round(float(u) + about["rubs"].get(a.joint, 0.0))
-        for a, u in zip(driven, needed_inputs(urdf, axes, reach, speed), strict=True)
-    }
+    needed = {}
+    for a, u in zip(driven, needed_inputs(urdf, axes, reach, speed), strict=True):
+        rubs = about["rubs"].get(a.joint, 0.0)
+        needed[a.drive] = rounded(max(float(u) + rubs, TIMES * rubs))
     nx = 2 * len(axes)
     volume = math.prod(2 * a.reach * 2 * SPEED for a in axes)
     values = 11 if len(axes) == 1 else 3
@@ -190,7 +190,7 @@ def _plain(urdf: Path, file: ModelFile, axes: list[Axis], about: Mapping[str, An
         "efforts": efforts,
         "weak": {n: u for n, u in needed.items() if u > (efforts[n] or math.inf)},
         "tau": TAU,
-        "eps": _round(0.5 * math.sqrt(nx) * (volume / STATES) ** (1.0 / nx)),
+        "eps": rounded(0.5 * math.sqrt(nx) * (volume / STATES) ** (1.0 / nx)),
         "cells": [max(2, round(CELLS ** (1.0 / nx)))] * nx,
         "blocks": _blocks(axes, about["rubs"]),
     }
@@ -203,7 +203,7 @@ def _blocks(axes: Sequence[Axis], rubs: Mapping[str, float]) -> dict[str, Any] |
     reach = {a.position: a.reach for a in axes} | {a.velocity: SPEED for a in axes}
     along = blocks_along(list(reach), {a.velocity for a in axes if a.joint in rubs})
     return {
-        "half_widths": {n: _round(reach[n] / count) for n, count in along.items()},
+        "half_widths": {n: rounded(reach[n] / count) for n, count in along.items()},
         "along": list(along.values()),
     }
 
@@ -259,10 +259,5 @@ def _step(needed: float, effort: float | None, values: int) -> float:
 
 def _round_up(value: float) -> float:
     """At least the value, in two digits."""
-    near = _round(value)
-    return near if near >= value else _round(near + 10.0 ** (math.floor(math.log10(value)) - 1))
-
-
-def _round(value: float) -> float:
-    """Two significant digits, as a person would write them."""
-    return float(f"{value:.2g}")
+    near = rounded(value)
+    return near if near >= value else rounded(near + 10.0 ** (math.floor(math.log10(value)) - 1))

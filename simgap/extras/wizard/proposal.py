@@ -16,8 +16,16 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.errors import UserError
-from simgap.extras.wizard.budget import Budget
-from simgap.extras.wizard.driven_arm import GUESS, Driven, changed, constant, driven, is_driven, rounded
+from simgap.extras.wizard.deadline import last_within
+from simgap.extras.wizard.driven_arm import (
+    Tried,
+    beside_inputs,
+    changed,
+    driven,
+    gap_beside_inputs,
+    is_driven,
+    rounded,
+)
 from simgap.extras.wizard.dry_friction_guess import Rubbing, rubbing
 from simgap.extras.wizard.posture import (
     Posture,
@@ -56,26 +64,13 @@ FEWER, MOST, FEWEST = 3, 15, 10
 
 
 @dataclass(frozen=True)
-class Tried:
-    """One game: its cells, the largest inputs beyond those at rest, how far apart, half-widths of X, what share won."""
-
-    cells: tuple[int, ...]
-    inputs: tuple[float, ...]
-    steps: tuple[float, ...]
-    box: tuple[float, ...]
-    wins: float
-    against: float = 0.0
-    """What share of what the inputs do in a step was played against, as a gap."""
-
-
-@dataclass(frozen=True)
 class Proposal:
     """Numbers for a case.
 
     Attributes:
         tau: s. X: for each state its ends. U: for each input its least and largest value and their distance.
         cells: along each axis. wins: share of them that the nominal model alone wins.
-        free: states on which the motion does not depend. tried: the games that were solved.
+        free: states on which the motion does not depend.
         part: of the X that is sought (`REACH`), the share along each axis that stops and the largest inputs leave.
         target: the box to reach, by state, where each joint has a motor. None for an X to stay in.
         against: the gap that was played against, as a share of what the largest inputs do in a step; 0 for none.
@@ -88,7 +83,6 @@ class Proposal:
     cells: tuple[int, ...]
     wins: float
     free: tuple[str, ...]
-    tried: tuple[Tried, ...]
     part: float
     target: Mapping[str, tuple[float, float]] | None = None
     against: float = 0.0
@@ -143,11 +137,6 @@ class Search:
         measured = [j for j in positions if names[j] not in posture.free] or positions
         reach = REACH * np.minimum(posture.scale, 1.0)
         return np.asarray(self.shape.box / np.max((self.shape.box / reach)[measured]))
-
-    def pairs(self, cells: tuple[int, ...], share: float) -> int:
-        """How many pairs of cell and input a game has."""
-        box = self.box(share)
-        return math.prod(cells) * math.prod(self.values(share * np.abs(self.shape.gain) @ box, box, cells))
 
     def box(self, share: float) -> Floats:
         """Half-widths of X: as sought, and nothing beyond its room.
@@ -209,12 +198,14 @@ class Search:
         if against:
             spread = against * changed(self.sampled, self.posture, np.array(inputs))
             if self.rubs is None:
-                problem = replace(problem, gap=constant(spread), gap_axes=[])
+                both = beside_inputs(problem.inputs, spread)
+                problem = replace(problem, inputs=both, gap=gap_beside_inputs(), gap_axes=[])
             else:
                 kept = [j for j, n in enumerate(self.model.state_names) if n not in self.posture.free]
                 problem = replace(problem, gap=self.rubs.gap(np.array(half), spread), gap_axes=kept)
         solution = specification.solve(problem.game())
-        return Tried(cells, inputs, tuple(steps), tuple(half), solution.fraction if solution.useful else 0.0, against)
+        won = solution.fraction if solution.useful else 0.0
+        return Tried(self.sampled.tau, cells, inputs, tuple(steps), tuple(half), won, against)
 
     def _step(self, k: int, half: float, count: int, down: bool) -> float:
         """Between values of input k that reach `half` from rest, rounded without passing what its drive gives."""
@@ -222,18 +213,22 @@ class Search:
         left = self.limits.get(self.model.input_names[k], math.inf) - abs(self.posture.u[k])
         return step if step * (count // 2) <= left else rounded(2 * half / (count - 1), down=True)
 
-    def proposal(self, best: Tried, tried: list[Tried]) -> Proposal:
+    def proposal(self, best: Tried) -> Proposal:
         """The case in which that game is played."""
-        x = self.posture.x
-        X = {n: (float(x[j]) - best.box[j], float(x[j]) + best.box[j]) for j, n in enumerate(self.model.state_names)}
-        U = {}
-        for n, rest, most, step in zip(self.model.input_names, self.posture.u, best.inputs, best.steps, strict=True):
-            at = beside(rest, step)
-            U[n] = (round(at - most, 12), round(at + most, 12), step)
         part = float((np.array(best.box) / self.sought()).min())
-        about = self.posture.free, tuple(tried), part
-        rubs = self.rubs is not None and best.against > 0.0
-        return Proposal(self.shape.tau, X, U, best.cells, best.wins, *about, against=best.against, rubs=rubs)
+        return _proposal(self.model, self.posture, best, part, self.rubs is not None)
+
+
+def _proposal(model: SymbolicModel, posture: Posture, best: Tried, part: float, rubs: bool = False) -> Proposal:
+    """The case in which that game is played; arguments as the attributes of `Proposal`."""
+    ends = zip(model.state_names, posture.x, best.box, strict=True)
+    U = {}
+    for n, rest, most, step in zip(model.input_names, posture.u, best.inputs, best.steps, strict=True):
+        at = beside(rest, step)
+        U[n] = (round(at - most, 12), round(at + most, 12), round(step, 12))
+    X = {n: (float(x) - own, float(x) + own) for n, x, own in ends}
+    won = best.cells, best.wins, posture.free, part, best.target, best.against
+    return Proposal(best.tau, X, U, *won, rubs=rubs and best.against > 0.0)
 
 
 def beside(rest: float, step: float) -> float:
@@ -271,87 +266,93 @@ def propose(
         at: states of the posture around which to work, 0 where none is given.
         limits: for inputs that have one the largest size. room: for states that have one the interval to stay within;
             of a position these are stops, and X keeps a step's travel away from them.
-        tell: hears what is being done. seconds: of CPU time, after which no other game is begun.
+        tell: hears what is being done. seconds: of CPU time, after which the best so far is taken.
         rubs: dry friction of joints, which the simulator has and the model lacks.
 
     Raises:
         UserError: a posture that no input holds, inputs that move nothing, a plant that no feedback holds, an X of next
             to no size, or too little won within the time and the pairs of cell and input that a quick search takes.
     """
-    budget = Budget(seconds)
+    found = last_within(seconds, partial(_answers, model, sampled, at, limits, room, rubs), tell)
+    if found is None:
+        raise UserError(
+            f"not found in the time: {seconds:g} s do not suffice for the coarsest cells", key="synthesis.cells",
+            remedy="Search longer (--seconds).",
+        )  # fmt: skip
+    if isinstance(found, UserError):
+        raise found
+    return found
+
+
+def _answers(
+    model: SymbolicModel, sampled: Callable[[float], NominalModel], at: Mapping[str, float],
+    limits: Mapping[str, float], room: Mapping[str, tuple[float, float]], rubs: Mapping[str, float] | None,
+    tell: Callable[[str], None],
+) -> Iterator[Proposal | UserError]:  # fmt: skip
+    """What `propose` answers where it has no more time: one answer after the other, each better than those before."""
     posture = posture_of(model, at)
     check_moved(model, posture)
     if is_driven(model):
-        found = driven(model, sampled, posture, limits, room, tell, budget)
-        return _of_driven(model, posture, found)
+        for found in driven(model, sampled, posture, limits, room, tell):
+            if isinstance(found, UserError):
+                yield found
+            else:
+                part = min(1.0, *(found.box[model.state_names.index(c.position)] / REACH for c in model.coordinates))
+                yield _proposal(model, posture, found, part)
+        return
     tell("searching for the sampling time and the shape of X")
     shape = _shape(model, posture)
     search = Search(model, sampled(shape.tau), posture, shape, limits, room, rubbing(model, posture, rubs, shape.tau))
     search.check()
     tried: list[Tried] = []
     rounds = search.rounds()
-    few = (FEWEST,) * len(model.states)
-    budget.gauge(search.pairs(few, SHARES[0]), partial(search.play, few, SHARES[0]))
     for cells in rounds:
         for share in SHARES:
-            if not budget.allows(search.pairs(cells, share)):
-                break
             best = max((t.wins for t in tried), default=0.0)
             tell(f"trying {_shown(cells)} cells" + (f"; best so far {best:.2g}" if best else ""))
-            tried.append(budget.spent(search.pairs(cells, share), partial(search.play, cells, share)))
+            tried.append(search.play(cells, share))
             if tried[-1].wins >= WINS:
-                return search.proposal(_held(search, tried, share, [cells, *rounds], tell, budget), tried)
-    if not tried:
-        raise UserError(
-            f"not found in the time: {seconds:g} s do not suffice for the coarsest cells", key="synthesis.cells",
-            remedy="Search longer (--seconds).",
-        )  # fmt: skip
+                yield search.proposal(tried[-1])
+                for held in _held(search, tried, share, [cells, *rounds], tell):
+                    yield search.proposal(held)
+                return
+            yield _too_few(search, tried, "the time is up")
+    yield _too_few(search, tried, "more are beyond a quick search")
+
+
+def _too_few(search: Search, tried: Sequence[Tried], why: str) -> UserError:
     most = max(tried, key=lambda t: (t.wins, math.prod(t.cells)))
-    raise UserError(
-        f"on {_shown(most.cells)} cells the nominal model alone wins {most.wins:.2g}, and "
-        f"{'the time is up' if budget.refused else 'more are beyond a quick search'}; by its "
-        f"linear model it takes about {shape.size:,.0f} at tau = {shape.tau:g} s", key="synthesis.cells",
+    return UserError(
+        f"on {_shown(most.cells)} cells the nominal model alone wins {most.wins:.2g}, and {why}; by its linear model "
+        f"it takes about {search.shape.size:,.0f} at tau = {search.shape.tau:g} s", key="synthesis.cells",
         remedy="Give it another input or stronger ones, or begin with fewer states.",
     )  # fmt: skip
 
 
 def _held(
-    search: Search, tried: list[Tried], share: float, rounds: Sequence[tuple[int, ...]],
-    tell: Callable[[str], None], budget: Budget,
-) -> Tried:  # fmt: skip
-    """The first that win against a gap too.
+    search: Search, tried: list[Tried], share: float, rounds: Sequence[tuple[int, ...]], tell: Callable[[str], None]
+) -> Iterator[Tried]:
+    """What wins against a gap too, and then no more.
 
-    Where joints rub there are more cells along their speeds, and inputs one size larger are tried as well. If none win
-    in time, what wins for the model alone: its own cells, or beside dry friction, which asks for more, the finest.
+    Where joints rub there are more cells along their speeds, and inputs one size larger are tried as well; dry friction
+    asks for more cells than the model alone, and the finest are the better answer before any win.
     """
-    rubs, left = search.rubs, tried[-1]
+    rubs, alone = search.rubs, tried[-1]
     shares = [share] if rubs is None else [s for s in SHARES if s >= share][:2]
     against, gap = (HELD, "a small gap") if rubs is None else (HELD_RUBBING, "dry friction")
     for cells, own in itertools.product(rounds, shares):
         fine = cells if rubs is None else rubs.finer(cells)
-        if not budget.allows(search.pairs(fine, own)):
-            break
         tell(f"trying {_shown(fine)} cells against {gap}")
-        tried.append(budget.spent(search.pairs(fine, own), partial(search.play, fine, own, against)))
+        tried.append(search.play(fine, own, against))
         if tried[-1].wins >= WINS:
-            return tried[-1]
-        left = left if rubs is None else replace(tried[-1], wins=left.wins, against=0.0)
-    return left
+            yield tried[-1]
+            return
+        if rubs is not None:
+            yield replace(tried[-1], wins=alone.wins, against=0.0)
 
 
 def _shown(cells: Sequence[int]) -> str:
     return " x ".join(map(str, cells))
-
-
-def _of_driven(model: SymbolicModel, posture: Posture, found: Driven) -> Proposal:
-    x, names = posture.x, model.state_names
-    X = {n: (float(x[j]) - found.half[j], float(x[j]) + found.half[j]) for j, n in enumerate(names)}
-    U = {}
-    for n, rest, most in zip(model.input_names, posture.u, found.inputs, strict=True):
-        at = beside(rest, most / 2)
-        U[n] = (round(at - most, 12), round(at + most, 12), round(most / 2, 12))
-    part = min(1.0, *(found.half[names.index(c.position)] / REACH for c in model.coordinates))
-    return Proposal(found.tau, X, U, found.cells, found.wins, posture.free, (), part, found.target, GUESS)
 
 
 def _shape(model: SymbolicModel, posture: Posture) -> Proportions:

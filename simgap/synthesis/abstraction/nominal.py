@@ -64,7 +64,7 @@ def nominal_abstraction(
         raise UserError(f"a model of {model.nx} states got a grid of {grid.box.size} and {errors.size} errors")
     u = np.ascontiguousarray(inputs, dtype=np.float64)
     frame = Frame(grid, u, errors)
-    own = tuple(tuple(sorted(frozenset(model.offset_axes[i]).union(*model.jacobian_axes[i]))) for i in range(model.nx))
+    own = _axes_of(model)
     everything = tuple(range(model.nx))
     with_gap: Axes = own
     if gap is not None:
@@ -80,6 +80,16 @@ def nominal_abstraction(
         meta, data = frame.arrays(tuple(() for _ in own), None)
         post = direct_post(model.interval_kernel, model.jacobian_interval_kernel, kernel)
     return Abstraction(grid, u, post, meta, data, np.zeros(1, np.int32), with_gap, errors, group=GROUP)
+
+
+def _axes_of(model: NominalModel) -> Axes:
+    """For each dimension, the state axes on which its offset and its slopes depend."""
+    return tuple(tuple(sorted(frozenset(model.offset_axes[i]).union(*model.jacobian_axes[i]))) for i in range(model.nx))
+
+
+def is_tabulated(model: NominalModel, grid: Grid, inputs: int) -> bool:
+    """True if the model is read from tables; else it is evaluated for every pair of cell and input."""
+    return _fits(grid, inputs, _axes_of(model))
 
 
 def _fits(grid: Grid, inputs: int, axes: Axes) -> bool:

@@ -21,6 +21,7 @@ from simgap.arrays import Bools, Ints
 from simgap.errors import UserError
 from simgap.late import njit
 from simgap.synthesis.abstraction.cells import Abstraction, clip_boxes, count_holes, drop_boxes_with_holes, table_size
+from simgap.synthesis.abstraction.post import table_meta, table_post
 from simgap.synthesis.games.invariance import row_index
 from simgap.synthesis.games.reach_rows import reach_by_rows
 from simgap.synthesis.games.row_moves import RowSystem, with_common_sweeps
@@ -28,6 +29,8 @@ from simgap.synthesis.games.threads import over_rows
 from simgap.synthesis.input_sets import packed_width, preferred
 
 Backend = Literal["auto", "bit_rows", "table"]
+MOST_KEPT = 1 << 28
+"""Numbers of boxes that are made once and kept, 1 GiB of them: beyond it they are made again at every level."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,8 +121,13 @@ def reach_by_table(
     mask = np.zeros((classes, grid.size, packed_width(inputs)), np.uint8)
     systems = [(a.post, a.meta, a.data, a.table, shape, n, inputs, row) for a in boxes]
     reach = np.empty((classes, rows, 2 * n), np.int32)
-    for own, offsets in zip(systems, reach, strict=True):
-        over_rows(partial(_reach, *own, offsets), rows, threads)
+    every, size = table_meta(grid, inputs, (tuple(range(n)),) * n)
+    for c, a in enumerate(boxes):
+        keeps = a.post is not table_post() and 2 * size * classes <= MOST_KEPT
+        kept = np.empty((n, grid.size * keeps, inputs, 2), np.int32)
+        over_rows(partial(_reach, *systems[c], reach[c], kept), rows, threads)
+        if keeps:
+            systems[c] = (table_post(), every, a.data, kept.reshape(-1), *systems[c][4:])
     won, news = np.empty((classes, table_size(shape, n)), np.int32), np.empty(table_size(shape, n), np.int32)
     quiet = np.tile((~target).view(np.uint8), (classes, 1))
     level = 0
@@ -136,8 +144,11 @@ def reach_by_table(
 
 
 @njit(cache=True, nogil=True)
-def _reach(post, meta, data, tab, shape, n, inputs, row, reach, first, last):  # type: ignore[no-untyped-def]
-    """Box of offsets that the boxes of a row's cells span, relative to the cell: (rows, 2n)."""
+def _reach(post, meta, data, tab, shape, n, inputs, row, reach, kept, first, last):  # type: ignore[no-untyped-def]
+    """Box of offsets that the boxes of a row's cells span, relative to the cell: (rows, 2n).
+
+    The offsets of every cell themselves are in `kept` (n, cells, M, 2), if there is room for cells.
+    """
     k = np.zeros(4, np.int64)
     out = np.zeros(2 * n * inputs, np.int32)
     for r in range(first, last):
@@ -151,6 +162,9 @@ def _reach(post, meta, data, tab, shape, n, inputs, row, reach, first, last):  #
                 for j in range(n):
                     reach[r, j] = min(reach[r, j], out[2 * n * m + j] - k[j])
                     reach[r, n + j] = max(reach[r, n + j], out[2 * n * m + n + j] - k[j])
+                    if kept.shape[1]:
+                        kept[j, r * row + i, m, 0] = out[2 * n * m + j] - k[j]
+                        kept[j, r * row + i, m, 1] = out[2 * n * m + n + j] - k[j]
     return 0
 
 

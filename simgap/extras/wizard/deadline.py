@@ -1,0 +1,61 @@
+"""A search that ends with its time: it runs in a process of its own, and what it found last is its answer."""
+
+from __future__ import annotations
+
+import signal
+import traceback
+import warnings
+from collections.abc import Callable, Iterator
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from typing import TypeVar
+
+Found = TypeVar("Found")
+Tell = Callable[[str], None]
+
+
+def last_within(seconds: float, search: Callable[[Tell], Iterator[Found]], tell: Tell) -> Found | None:
+    """The last of what `search(tell)` yields within so many seconds of CPU time, or None.
+
+    Then it is ended, whatever it is at: nothing has to be known of how long a game takes, or to compile one.
+
+    Raises:
+        Exception: what the search raises.
+    """
+    here, there = get_context("fork").Pipe(duplex=False)
+    process = get_context("fork").Process(target=_report, args=(seconds, search, there), daemon=True)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of other threads: the search asks nothing of them
+        process.start()
+    there.close()
+    last: Found | None = None
+    try:
+        while True:
+            kind, value = here.recv()
+            if kind == "raised":
+                raise value
+            if kind == "told":
+                tell(value)
+            else:
+                last = value
+    except EOFError:
+        process.join()
+        if process.exitcode not in (0, -signal.SIGPROF):
+            raise RuntimeError(f"the search for numbers ended with status {process.exitcode}") from None
+        return last
+    finally:
+        process.kill()
+        process.join()
+        here.close()
+
+
+def _report(seconds: float, search: Callable[[Tell], Iterator[Found]], pipe: Connection) -> None:
+    """Send what the search tells and finds, until the system ends the process by a signal that nothing handles."""
+    signal.signal(signal.SIGPROF, signal.SIG_DFL)
+    signal.setitimer(signal.ITIMER_PROF, max(seconds, 1e-6))
+    try:
+        for found in search(lambda words: pipe.send(("told", words))):
+            pipe.send(("found", found))
+    except Exception as error:
+        error.add_note(traceback.format_exc())  # where it happened is not pickled
+        pipe.send(("raised", error))
