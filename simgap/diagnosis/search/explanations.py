@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
+
+import numpy as np
 
 from simgap.arrays import Floats
 from simgap.diagnosis.result import Key
@@ -13,10 +15,10 @@ from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.scoring import Score, Screen, Starts, best_of_each, score, screen
 from simgap.diagnosis.search.watch import Watch
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.simulation.sensitivity import choose_steps, with_values
+from simgap.diagnosis.simulation.sensitivity import choose_steps, inverted, with_values
 from simgap.diagnosis.simulation.step_length import resolved
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import BIC_GAIN, OUT_OF_SIGHT, WIDTH
+from simgap.diagnosis.thresholds import BIC_GAIN, COLLINEAR, OUT_OF_SIGHT, WIDTH
 from simgap.notation import joined
 
 SAME, SAME_PROMISE = 0.1, 1e-5
@@ -240,21 +242,37 @@ class Search:
             s for s in self.ranked(base)
             if s.drop / self.scale > BIC_GAIN and s.candidate.key in asked and _contained(s.candidate) not in asked
         ]  # fmt: skip
-        firsts = _distinct(worth)[:most]
+        alike = _alike(self.screen(base))
+        firsts = _distinct(worth, alike)[:most]
         fitted = [(s, self.extend(base, s)) for s in firsts]
         sound = [(s, e) for s, e in fitted if e.physical]
         if sound:  # one direction at the null need not be one far from it: the best one's namesakes are fitted too
             best, _ = min(sound, key=lambda pair: pair[1].bic)
-            twins = [s for s in worth if s not in firsts and abs(s.drop - best.drop) <= 2 * SAME_PROMISE * best.drop]
+            twins = [s for s in worth if s not in firsts and alike(s, best)]
             sound += [(s, e) for s, e in ((s, self.extend(base, s)) for s in twins) if e.physical]
         return [e for _, e in sound]
 
 
-def _distinct(scores: list[Score]) -> list[Score]:
-    """Scores without those that promise exactly what a better one does: the same direction under another name."""
+def _alike(seen: Screen) -> Callable[[Score, Score], bool]:
+    """Whether two scores of one number each are of one direction, what the free parameters can do left aside."""
+    own = slice(0, seen.own)
+    rest = seen.gram - seen.gram[:, own] @ inverted(seen.gram[own, own]) @ seen.gram[own]
+    size = np.sqrt(np.maximum(np.diag(rest), 1e-300))
+
+    def alike(a: Score, b: Score) -> bool:
+        if len(a.columns) != 1 or len(b.columns) != 1:
+            return False
+        (i,), (j,) = a.columns, b.columns
+        return abs(float(rest[i, j])) > COLLINEAR * float(size[i] * size[j])
+
+    return alike
+
+
+def _distinct(scores: list[Score], alike: Callable[[Score, Score], bool]) -> list[Score]:
+    """Scores without those of the direction of a better one: the same under another name, or nearly so."""
     kept: list[Score] = []
     for s in scores:
-        if not kept or s.drop < kept[-1].drop * (1.0 - SAME_PROMISE):
+        if not any(alike(s, k) for k in kept):
             kept.append(s)
     return kept
 

@@ -29,11 +29,16 @@ _SECANT = (0.3, 2.0)  # how far from a secant's own size its estimate may be
 
 @dataclass(frozen=True)
 class Score:
-    """What a candidate promises from one start: drop of chi^2 and the values to begin a fit with, slot -> value."""
+    """What a candidate promises from one start.
+
+    Attributes:
+        drop: of chi^2; values: to begin a fit with, slot -> value; columns: those of the start in its screen.
+    """
 
     candidate: Candidate
     drop: float
     values: dict[int, float]
+    columns: tuple[int, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +188,7 @@ def score(seen: Screen) -> list[Score]:
         drop, coefficients = _promise(seen.gram, seen.gradient, seen.own, list(columns_at))
         values = begun_at(c, start, coefficients)
         if drop > 0.0 and values is not None:
-            scores.append(Score(c, drop, values))
+            scores.append(Score(c, drop, values, columns_at))
     return sorted(scores, key=lambda s: -s.drop)
 
 
