@@ -48,6 +48,7 @@ FILES: tuple[tuple[str, str, dict[str, Any], str], ...] = (
     (BULLET, "TwoJointRobot_wo_fixedJoints.urdf", {}, CASE),
     (BULLET, "franka_panda/panda.urdf", {}, "mimics"),
     (BULLET, "franka_panda/panda.urdf", {"joints": ["panda_joint2", "panda_joint4"]}, CASE),
+    (BULLET, "franka_panda/panda.urdf", {"joints": ["panda_joint1", "panda_joint4"]}, CASE),
     (BULLET, "kuka_iiwa/model.urdf", {}, CASE),
     (BULLET, "kuka_iiwa/model.urdf", {"joints": ["lbr_iiwa_joint_4"]}, CASE),
     (BULLET, "xarm/xarm6_robot.urdf", {"joints": ["joint3"]}, CASE),
