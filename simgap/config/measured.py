@@ -276,7 +276,8 @@ class MeasuredSection(Section):
     )
     effects: tuple[str, ...] = Field(
         default=(),
-        description="Effects that may be tried; if none is named all of `simgap effects` but lugre_friction.",
+        description="Effects that may be tried; if none is named, all of `simgap effects` but lugre_friction and "
+        "elasticity_behind_encoder.",
     )
     known: tuple[str, ...] = Field(
         default=(),

@@ -26,8 +26,10 @@ class Quoted:
         return with_error(scale * self.value(symbol), scale * self._half(symbol), p["unit"] if unit is None else unit)
 
     def deviation(self, symbol: str = "ratio") -> str:
-        """A ratio as a deviation from 1: 0.75 -> '25 ± 1 % below'."""
+        """A ratio as a deviation from 1: 0.75 -> '25 ± 1 % below'; from 2 on as it is: '5.0 ± 0.1 times'."""
         value = self.value(symbol)
+        if value >= 2.0:
+            return f"{with_error(value, self._half(symbol))} times"
         side = "below" if value < 1.0 else "above"
         return f"{with_error(100.0 * abs(value - 1.0), 100.0 * self._half(symbol))} % {side}"
 

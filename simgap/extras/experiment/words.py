@@ -29,6 +29,8 @@ def paragraph(question: Question, advice: Advice, units: Mapping[str, str], file
     how = _recording(question, advice, units, file)
     if len(rivals) == 1:
         return f"{opening} {how} Its numbers will be known to {_intervals(advice)}."
+    if advice.proposal.sure < WANTED:
+        return f"{opening} {_certainty(advice)}"
     return f"{opening} {how} {_certainty(advice)}"
 
 
