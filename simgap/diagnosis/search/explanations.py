@@ -254,14 +254,17 @@ class Search:
 
 
 def _alike(seen: Screen) -> Callable[[Score, Score], bool]:
-    """Whether two scores of one number each are of one direction, what the free parameters can do left aside."""
+    """Whether two scores of one number each are of one direction, what the free parameters can do left aside.
+
+    Others are where they promise the same.
+    """
     own = slice(0, seen.own)
     rest = seen.gram - seen.gram[:, own] @ inverted(seen.gram[own, own]) @ seen.gram[own]
     size = np.sqrt(np.maximum(np.diag(rest), 1e-300))
 
     def alike(a: Score, b: Score) -> bool:
         if len(a.columns) != 1 or len(b.columns) != 1:
-            return False
+            return abs(a.drop - b.drop) <= SAME_PROMISE * b.drop
         (i,), (j,) = a.columns, b.columns
         return abs(float(rest[i, j])) > COLLINEAR * float(size[i] * size[j])
 

@@ -32,7 +32,8 @@ class Score:
     """What a candidate promises from one start.
 
     Attributes:
-        drop: of chi^2; values: to begin a fit with, slot -> value; columns: those of the start in its screen.
+        drop: of chi^2; values: to begin a fit with, slot -> value.
+        columns: those of the start in its screen; none of a trial of finite size, which is not the effect's direction.
     """
 
     candidate: Candidate
@@ -188,7 +189,7 @@ def score(seen: Screen) -> list[Score]:
         drop, coefficients = _promise(seen.gram, seen.gradient, seen.own, list(columns_at))
         values = begun_at(c, start, coefficients)
         if drop > 0.0 and values is not None:
-            scores.append(Score(c, drop, values, columns_at))
+            scores.append(Score(c, drop, values, columns_at if start.amplitude is None else ()))
     return sorted(scores, key=lambda s: -s.drop)
 
 
