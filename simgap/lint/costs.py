@@ -192,7 +192,8 @@ def _control(context: Context, rollout: float, startup: float, pair: float) -> I
     controllers = 2 if case.simulator is not None and (case.gap is not None or case.hidden_state is not None) else 1
     nodes = rows + (controllers - 1) * (1 if case.hidden_state is not None else rows)  # one knows no earlier input
     seconds = controllers * startup + rate * cells * inputs * nodes
-    kept = min(4 * MOST_KEPT, 8 * len(context.states) * cells * inputs) if pair > PAIR and not _holds(case) else 0
+    boxes = 8 * len(context.states) * cells * inputs
+    kept = boxes if pair > PAIR and not _holds(case) and boxes <= 4 * MOST_KEPT else 0
     of = "pairs of cell and input" + " for each of two controllers" * (controllers > 1)
     yield StageCost(
         "synthesis", cells * inputs * rows, of, seconds, BYTES + a_cell * cells + kept, "synthesis.cells",

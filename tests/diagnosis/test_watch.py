@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import simgap.diagnosis.diagnose as module
+from simgap.diagnosis import seek
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
@@ -119,13 +119,13 @@ def test_masking_is_searched_anew_only_if_it_tells_more(monkeypatch, extra, befo
 def test_what_is_masked_after_the_end_is_fitted_and_not_searched(monkeypatch):
     """A delay masks what was commanded before the record; a search that has ended does not begin anew for that."""
     begun = []
-    searched = module.searched
+    searched = seek.searched
 
     def once(*given, **more):
         begun.append(1)
         return _ended(searched(*given, **more), given[3])
 
-    monkeypatch.setattr(module, "searched", once)
+    monkeypatch.setattr(seek, "searched", once)
     d = diagnose(block(), _record(late=LATE), DiagnosisSettings(effects=("input_delay",)))
     assert len(begun) == 1
     assert any("stopped after" in w for w in d.warnings)

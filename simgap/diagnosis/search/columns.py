@@ -21,6 +21,7 @@ from simgap.diagnosis.result import RecordingFault
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Memo, Problem
+from simgap.diagnosis.simulation.refit import window_chi2
 from simgap.diagnosis.simulation.sensitivity import choose_steps
 from simgap.diagnosis.simulation.step_length import settled
 from simgap.diagnosis.simulation.supermodel import Candidate
@@ -165,7 +166,9 @@ def _near_declared(gains: Sequence[Candidate], at: Fit, far: float) -> bool:
 
 
 def _per_number(part: Problem, at: Fit) -> float:
-    return at.chi2 / max(part.size - part.taken - len(at.slots), 1)
+    """chi^2/dof of the window in the middle: a wrong column shows in all, and a model that runs away in some."""
+    free = (part.size - part.taken - len(at.slots)) / part.size
+    return float(np.median(window_chi2(part, at.theta, at.x0) / part.counts)) / max(free, 1.0 / part.size)
 
 
 def _options(problem: Problem) -> Iterator[Columns]:

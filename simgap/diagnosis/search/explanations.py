@@ -85,17 +85,19 @@ class Search:
         known = self._key(members, with_values(base.fit.theta, s.values)) in self.tried
         found = self.explain(members, with_values(base.fit.theta, s.values), base.fit)
         bends = len(s.candidate.slots) > 2 or s.candidate.effect.several_valleys
-        if not known and bends and not _integers(s.candidate) and not self.reached(found):
-            for other in self.every[base.keys]:
-                if other.candidate.key == s.candidate.key and other is not s:
+        if not known and bends and not _integers(s.candidate):
+            starts = [other for other in self.every[base.keys] if other.candidate.key == s.candidate.key]
+            for other in () if self.reached(found) else starts:
+                if other is not s:
                     found = self.explain(members, with_values(base.fit.theta, other.values), base.fit, again=True)
-            found = self._from_contained(base, s) or found
+            for start in starts:
+                found = self._from_contained(base, start) or found
         return found
 
     def _from_contained(self, base: Explanation, s: Score) -> Explanation | None:
-        """Fit from where the effect that a candidate contains ends, at its best start's other numbers; None without.
+        """Fit from where the effect that a candidate contains ends, at a start's other numbers; None without.
 
-        Far from the null no derivative leads. Its other starts ended no lower there in 20 searches of two rods.
+        Far from the null no derivative leads.
         """
         c, inner = s.candidate, s.candidate.effect.contains
         first = next((o for o in self.every[base.keys] if inner and o.candidate.key == (inner.name, c.on)), None)
@@ -245,6 +247,8 @@ class Search:
         alike = _alike(self.screen(base))
         firsts = _distinct(worth, alike)[:most]
         fitted = [(s, self.extend(base, s)) for s in firsts]
+        lost = [s for s, e in fitted if not e.physical]  # what stands for it in the list may be sound
+        fitted += [(s, self.extend(base, s)) for s in worth if s not in firsts and any(alike(s, k) for k in lost)]
         sound = [(s, e) for s, e in fitted if e.physical]
         if sound:  # one direction at the null need not be one far from it: the best one's namesakes are fitted too
             best, _ = min(sound, key=lambda pair: pair[1].bic)

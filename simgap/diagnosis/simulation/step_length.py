@@ -30,16 +30,16 @@ def resolved(problem: Problem, theta: Floats, x0: Floats) -> bool:
 def settled(problem: Problem) -> Problem:
     """The problem with the longest integration step whose halving moves no prediction by a hundredth of the noise.
 
-    It stays as it is where halving leads nowhere: a model that runs into a singularity has no right path behind it.
+    Where none does, the one whose halving moves them least: a model that runs into a singularity has no right path
+    behind it, and short steps would only take their time.
     """
     part, _ = problem.some()
-    x0, theta, h, before = initial_states(part), problem.model.null, problem.h_max, np.inf
+    x0, theta, h, tried = initial_states(part), problem.model.null, problem.h_max, []
     for _ in range(_MOST_HALVINGS):
         coarse, fine = (replace(part, h_max=step).residuals(theta, x0) for step in (h, h / 2))
         moved = float(np.max(np.abs(coarse - fine)))
         if moved < _SHARE:
-            break
-        if moved > before:
-            return problem
-        h, before = h / 2, moved
-    return replace(problem, h_max=h)
+            return replace(problem, h_max=h)
+        h /= 2
+        tried.append((moved, h))
+    return replace(problem, h_max=min(tried)[1])

@@ -150,6 +150,7 @@ def density_of_choice(
     Arguments as of `preferred_of`. Source: Varma, Simon (2006), BMC Bioinformatics 7, 91 (nested cross-validation).
     """
     whole = np.stack(densities)
+    among = [k for k in among if np.isfinite(whole[k]).all()] or among
     out = np.empty(whole.shape[1])
     for own in np.array_split(np.arange(len(out)), min(_PARTS, len(out))):
         first = preferred_of(list(np.delete(whole, own, axis=1)), counts, bic, among)[0]

@@ -10,6 +10,8 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from typing import TypeVar
 
+from simgap.errors import UserError
+
 Found = TypeVar("Found")
 Tell = Callable[[str], None]
 
@@ -17,10 +19,11 @@ Tell = Callable[[str], None]
 def last_within(seconds: float, search: Callable[[Tell], Iterator[Found]], tell: Tell) -> Found | None:
     """The last of what `search(tell)` yields within so many seconds of CPU time, or None.
 
-    Then it is ended, whatever it is at: nothing has to be known of how long a game takes, or to compile one.
+    Then it is ended, whatever it is at: nothing has to be known of how long a game takes, or to compile one. A search
+    that fails after it found something has found that.
 
     Raises:
-        Exception: what the search raises.
+        Exception: what the search raises before it finds anything.
     """
     here, there = get_context("fork").Pipe(duplex=False)
     process = get_context("fork").Process(target=_report, args=(seconds, search, there), daemon=True)
@@ -32,15 +35,17 @@ def last_within(seconds: float, search: Callable[[Tell], Iterator[Found]], tell:
     try:
         while True:
             kind, value = here.recv()
-            if kind == "raised":
+            if kind == "raised" and last is None:
                 raise value
+            if kind == "raised":
+                return last
             if kind == "told":
                 tell(value)
             else:
                 last = value
     except EOFError:
         process.join()
-        if process.exitcode not in (0, -signal.SIGPROF):
+        if last is None and process.exitcode not in (0, -signal.SIGPROF):
             raise RuntimeError(f"the search for numbers ended with status {process.exitcode}") from None
         return last
     finally:
@@ -52,10 +57,14 @@ def last_within(seconds: float, search: Callable[[Tell], Iterator[Found]], tell:
 def _report(seconds: float, search: Callable[[Tell], Iterator[Found]], pipe: Connection) -> None:
     """Send what the search tells and finds, until the system ends the process by a signal that nothing handles."""
     signal.signal(signal.SIGPROF, signal.SIG_DFL)
-    signal.setitimer(signal.ITIMER_PROF, max(seconds, 1e-6))
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the command, which ends this one
+    signal.setitimer(signal.ITIMER_PROF, min(max(seconds, 1e-6), 1e9))
     try:
         for found in search(lambda words: pipe.send(("told", words))):
             pipe.send(("found", found))
-    except Exception as error:
-        error.add_note(traceback.format_exc())  # where it happened is not pickled
+    except BrokenPipeError:  # nobody waits any longer
+        return
+    except UserError as error:
         pipe.send(("raised", error))
+    except Exception:  # not every exception can be pickled, and where it happened never is
+        pipe.send(("raised", RuntimeError(traceback.format_exc())))
