@@ -282,7 +282,7 @@ def check_moved(model: SymbolicModel, posture: Posture) -> None:
 
 
 def unmoved(model: SymbolicModel, posture: Posture) -> str:
-    """What of the plant grows and is moved by no input, as a clause: by the left eigenvectors of its linear model.
+    """Why no feedback was found, as a clause: what grows and is moved by no input, by the linear model's eigenvectors.
 
     (Hautus 1969: an unstable eigenvalue whose left eigenvector the inputs do not see.)
     """
@@ -294,7 +294,7 @@ def unmoved(model: SymbolicModel, posture: Posture) -> str:
             names = [n for n, own in zip(model.state_names, share, strict=True) if own > _PART]
             does = "does" if len(names) == 1 else "do together"
             return f"what {' and '.join(names)} {does} is moved by no input"
-    return "its inputs do not move all of what is unstable"
+    return "by its linear model one exists, but none was found at the sampling times that were tried"
 
 
 def check_room(names: Sequence[str], sought: Floats, room: Mapping[str, tuple[float, float]]) -> None:

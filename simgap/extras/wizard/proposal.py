@@ -56,7 +56,8 @@ them, and the model is not linear. Judgement."""
 GROWTH = 2.5
 """Times as many cells from one round to the next."""
 PAIRS = 60_000_000
-"""Most pairs of cell and input of one try: half a minute of CPU."""
+"""Most pairs of cell and input of one try: half a minute of CPU; of the coarsest, which the linear model asks for, ten
+times as many."""
 VALUES = {1: 15, 2: 5}
 """Values of each of one or two inputs at least, and `FEWER` of more; the posture's own is among them."""
 FEWER, MOST, FEWEST = 3, 15, 10
@@ -118,7 +119,8 @@ class Search:
         for k in itertools.count():
             more = GROWTH ** (k / len(self.shape.cells))
             cells = tuple(max(FEWEST, math.ceil(n * more)) for n in self.shape.cells)
-            if k and math.prod(cells) * VALUES.get(len(self.model.inputs), FEWER) ** len(self.model.inputs) > PAIRS:
+            values = VALUES.get(len(self.model.inputs), FEWER) ** len(self.model.inputs)
+            if math.prod(cells) * values > (PAIRS if k else 10 * PAIRS):
                 return
             yield cells
 
@@ -321,10 +323,14 @@ def _answers(
 
 
 def _too_few(search: Search, tried: Sequence[Tried], why: str) -> UserError:
-    most = max(tried, key=lambda t: (t.wins, math.prod(t.cells)))
+    most = max(tried, key=lambda t: (t.wins, math.prod(t.cells)), default=None)
+    asked = f"by its linear model it takes about {search.shape.size:,.0f} at tau = {search.shape.tau:g} s"
+    if most is not None:
+        asked = f"on {_shown(most.cells)} cells the nominal model alone wins {most.wins:.2g}, and {why}; {asked}"
+    else:
+        asked = f"the cells are too many for a quick search: {asked}"
     return UserError(
-        f"on {_shown(most.cells)} cells the nominal model alone wins {most.wins:.2g}, and {why}; by its linear model "
-        f"it takes about {search.shape.size:,.0f} at tau = {search.shape.tau:g} s", key="synthesis.cells",
+        asked, key="synthesis.cells",
         remedy="Give it another input or stronger ones, or begin with fewer states.",
     )  # fmt: skip
 
@@ -361,7 +367,7 @@ def _shape(model: SymbolicModel, posture: Posture) -> Proportions:
     found = proportions(a, b, posture.rate)
     if found is None:
         raise UserError(
-            f"no feedback holds the plant at this posture: {unmoved(model, posture)}", key="plant.inputs",
+            f"no feedback was found that holds this posture: {unmoved(model, posture)}", key="plant.inputs",
             remedy="Give it another input, or another posture (--at).",
         )  # fmt: skip
     gain = posture.strength[:, None] * found.gain / posture.scale
