@@ -39,7 +39,7 @@ def test_friction_that_doubles_at_an_instant_is_told_with_both_numbers():
     assert {("parameter_error", "d")} in names
     first, second = change.sentence.split(" before, ")
     assert ("parameter d that is 75" if found.name == "parameter_error" else "viscous friction of 0.3") in first
-    assert ("parameter d that is 15" if found.name == "parameter_error" else "viscous friction of 0.6") in second
+    assert ("parameter d that is 2.5" if found.name == "parameter_error" else "viscous friction of 0.6") in second
     assert "viscous friction at the slide" in change.sentence
 
 

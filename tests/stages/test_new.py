@@ -256,7 +256,7 @@ def test_a_case_of_many_joints_is_written_in_no_time_and_can_be_checked(tmp_path
     """No equations are derived for it: what a bound needs is a comment, with numbers by Drake's accelerations."""
     (tmp_path / "chain.urdf").write_text(chain(6))
     began = time.process_time()
-    case = new.run("chain", tmp_path / "chain.urdf", tmp_path)
+    case = new.run("chain", tmp_path / "chain.urdf", tmp_path, inputs=[f"j{k}" for k in range(6)])
     assert time.process_time() - began < 10.0
     context = Context.load(case)
     assert context.case.domain is None

@@ -1,5 +1,6 @@
 """Proportions of cells against their definition; what is proposed for a plant is won, and nothing beyond its limits."""
 
+import math
 import os
 import signal
 from dataclasses import replace
@@ -273,13 +274,32 @@ def test_a_search_is_ended_when_its_time_is_up_and_the_last_that_it_found_is_tak
 
 def test_what_a_search_raises_or_dies_of_is_no_answer():
     def fails(tell):
+        raise ZeroDivisionError("within")
+        yield 1
+
+    def refuses(tell):
+        raise UserError("no such plant", remedy="Give another.")
+        yield 1
+
+    with pytest.raises(RuntimeError, match="ZeroDivisionError: within"):
+        last_within(10.0, fails, print)
+    with pytest.raises(UserError, match="no such plant"):
+        last_within(10.0, refuses, print)
+    with pytest.raises(RuntimeError, match="ended with status -9"):
+        last_within(10.0, lambda tell: os.kill(os.getpid(), signal.SIGKILL), print)
+
+
+def test_what_was_found_before_a_search_fails_or_dies_is_its_answer():
+    def fails(tell):
         yield 1
         raise ZeroDivisionError("within")
 
-    with pytest.raises(ZeroDivisionError, match="within"):
-        last_within(10.0, fails, print)
-    with pytest.raises(RuntimeError, match="ended with status -9"):
-        last_within(10.0, lambda tell: os.kill(os.getpid(), signal.SIGKILL), print)
+    def dies(tell):
+        yield 2
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    assert last_within(math.inf, fails, print) == 1
+    assert last_within(10.0, dies, print) == 2
 
 
 def test_a_step_in_which_the_inputs_do_nothing_is_told_from_inputs_that_are_weak():
