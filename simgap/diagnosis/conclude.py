@@ -98,7 +98,8 @@ def conclude(
         candidates=answer.candidate_scores(search, empty, chosen.barred),
         collinear=answer.collinear_table(collinear_pairs(search, empty), EXACTLY_COLLINEAR),
         folds=FoldStretches(*(stretches(p.windows, confirm.t, names) for p in (parts.fit, parts.choose, confirm))),
-        warnings=(*said, *told_of.slight, *_warnings(search.watch, held, kept, horizon), *verdict_is.fitter),
+        warnings=(*said, *told_of.slight, *_warnings(search.watch, held, kept, horizon), *verdict_is.beside),
+        doubts=verdict_is.doubts,
         unconfirmed=verdict_is.further,
         faint_memory=verdict_is.faint,
         at_most=most if limited and len(chosen.kept.members) >= most else None,
@@ -140,7 +141,8 @@ class _Worded:
 
     Attributes:
         word: the verdict; named: whether effects are; others: what explains the data as well.
-        further, faint: as `unconfirmed` and `faint_memory` of the answer; fitter: why it may be another.
+        further, faint, doubts: as `unconfirmed`, `faint_memory` and `doubts` of the answer; beside: doubts of one that
+            leaves more than noise.
     """
 
     word: Verdict
@@ -148,7 +150,8 @@ class _Worded:
     others: list[Rival]
     further: tuple[str, ...]
     faint: tuple[str, ...]
-    fitter: tuple[str, ...]
+    doubts: tuple[str, ...]
+    beside: tuple[str, ...]
 
 
 def _worded(
@@ -161,10 +164,12 @@ def _worded(
     word = "partial" if further and members else word
     named = word in ("attributed", "partial") or (word == "none" and evidence.needed)
     others = _rivals(chosen) if named else []
-    fitter = doubts(others, chosen.found, chosen.full.problem, chosen.kept)
+    unsure = doubts(others, chosen.found, chosen.full.problem, chosen.kept)
     faint = faint_memory(known) if word == "attributed" and members else ()
-    word = "partial" if (fitter or faint) and word == "attributed" else word
-    return _Worded(word, named, others, further, faint, fitter)
+    word = "partial" if (unsure or faint) and word == "attributed" else word
+    if word != "partial" or not evidence.at_noise:
+        return _Worded(word, named, others, further, faint, (), unsure)
+    return _Worded(word, named, others, further, faint, unsure or evidence.short_of(chosen.kept), ())
 
 
 def _rivals(chosen: Chosen) -> list[Rival]:

@@ -261,6 +261,7 @@ class Diagnosis:
         concentrated: where the error is, if a small part of the time carries most of it.
         recording: faults of the data, which the answer accounts for.
         at_most: the limit on the number of effects, if a person set one and the answer has as many; else None.
+        doubts: why an answer that is down to the noise may be another, in sentences; empty for others.
         unconfirmed: readings and inputs that go further where times left out begin than in other data.
         faint_memory: channels of which a part of the noise alone remembers, so that the answer is not attributed.
     """
@@ -284,6 +285,7 @@ class Diagnosis:
     concentrated: Concentrated | None = None
     recording: tuple[RecordingFault, ...] = ()
     steps: tuple[Step, ...] = ()
+    doubts: tuple[str, ...] = ()
     unconfirmed: tuple[str, ...] = ()
     faint_memory: tuple[str, ...] = ()
     at_most: int | None = None

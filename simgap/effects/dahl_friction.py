@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from simgap.effects.base import EffectParameter, MemoryForceEffect, Values
 from simgap.effects.start import Scales, Start
 from simgap.late import sympy as sp
@@ -38,6 +40,13 @@ class DahlFriction(MemoryForceEffect):
     def rate(self, memory: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """(v - |v| z) / d."""
         return (velocity - sp.Abs(velocity) * memory) / values["d"]
+
+    def doubt(self, values: Mapping[str, float], places: tuple[float, float]) -> str:
+        """Friction slides: what only bends wherever the record was is a spring from where it began."""
+        travel = places[1] - places[0]
+        if not 0.0 < travel < values["d"]:
+            return ""
+        return "it never slides where the record was: a spring would look like it"
 
     def force(self, memory: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """-F_c z."""

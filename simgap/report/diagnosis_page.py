@@ -38,6 +38,9 @@ MEANING = {
         "corrected case equals the case."
     ),
 }
+DOUBTED = (
+    "With these effects all data are predicted down to their noise, but others may be behind them: see the verdict."
+)
 UNCONFIRMED = (
     "With these effects all data that were kept are predicted down to their noise; the data that were left out lie "
     "where nothing confirms that no other effect acts."
@@ -133,6 +136,8 @@ def _span(window: Mapping[str, Any]) -> str:
 def _meaning(document: Mapping[str, Any]) -> str:
     if document.get("faint_memory"):
         return FAINT
+    if document.get("doubts"):
+        return DOUBTED
     return UNCONFIRMED if document.get("unconfirmed") else MEANING[document["verdict"]]
 
 

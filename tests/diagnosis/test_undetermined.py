@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from simgap.diagnosis.search.confidence import undetermined
+from simgap.effects.cogging import Cogging
 from simgap.effects.coulomb_friction import CoulombFriction
+from simgap.effects.dahl_friction import DahlFriction
 from simgap.effects.stribeck_friction import StribeckFriction
 
 
@@ -17,3 +19,15 @@ def test_a_stribeck_peak_of_a_width_that_may_be_zero_is_coulomb_friction(width, 
     at = SimpleNamespace(theta=np.array([0.018, 0.0181, width, 0.02]), slots=[0, 1, 2, 3])
     found = undetermined(None, [peak, plain], at, np.array([1e-6, 2e-5, error, 0.5]), 1000)
     assert found == ([peak] if loose else [])
+
+
+@pytest.mark.parametrize(("effect", "values", "unsure"), [
+    (DahlFriction(), {"F_c": 39.6, "d": 206.0}, "never slides"),
+    (DahlFriction(), {"F_c": 0.2, "d": 0.1}, ""),
+    (Cogging(), {"A": 0.1, "n": 2.0, "phase": 0.0}, "0.95 periods"),
+    (Cogging(), {"A": 0.1, "n": 6.0, "phase": 0.0}, ""),
+])  # fmt: skip
+def test_what_looks_like_another_force_wherever_the_record_was_is_doubted(effect, values, unsure):
+    why = effect.doubt(values, (-1.5, 1.5))
+    assert unsure in why
+    assert bool(why) == bool(unsure)

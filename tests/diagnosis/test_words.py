@@ -284,6 +284,7 @@ CHOICES = {
     "at_most": (None, 3),
     "unconfirmed": ([], ["q", "u"]),
     "faint_memory": ([], ["q"]),
+    "doubts": ([], ["Halves of the data give different numbers."]),
     "concentrated": (None, {"stretches": [AT], "explained_share_without": 0.7, "error_share": 0.9}),
     "remainder": (None, {"bounded": False, "reason": "the case has no `gap:` section"}),
 }
@@ -312,3 +313,14 @@ def test_sets_of_several_effects_that_do_as_well_are_kept_apart():
     assert "These data do not tell the mass of the rod from " in text
     assert ", or from" not in text
     assert " or from Coulomb friction at the hinge with the parameter g" in text
+
+
+@pytest.mark.parametrize(
+    ("verdict", "begins"), [("attributed", "is at fault: "), ("partial", "may be at fault, as was fitted: ")]
+)
+def test_a_fault_that_was_fitted_is_no_surer_than_the_verdict(verdict, begins):
+    drifts = {"fault": "drift", "sentence": "The recording has a sensor of q that drifts by 1 rad/s."}
+    lost = {"fault": "missing_rows", "sentence": "Rows are missing."}
+    text = said(document(verdict, [FRICTION], recording=[lost, drifts]))
+    assert f"The recording {begins}" in text
+    assert text.index("is at fault: Rows") < text.index("drifts")

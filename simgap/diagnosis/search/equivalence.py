@@ -200,9 +200,10 @@ def _simpler(chosen: Explanation, span: _Span, null: Floats) -> list[_Set]:
 
 
 def _away(chosen: Explanation, columns: list[int], null: Floats) -> Floats:
-    """How far what stands in these columns is from its null."""
+    """How far what stands in these columns is from its null; shapes stay, as what they belong to is gone."""
     slots = [chosen.fit.slots[j] for j in columns]
-    return np.asarray(chosen.fit.theta[slots] - null[slots])
+    acting = [k for c in chosen.members for p, k in zip(c.effect.parameters, c.slots, strict=True) if not p.shape]
+    return np.where(np.isin(slots, acting), chosen.fit.theta[slots] - null[slots], 0.0)
 
 
 def _begun(

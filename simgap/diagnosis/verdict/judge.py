@@ -224,6 +224,20 @@ class Evidence:
     needed: bool
 
     @property
+    def at_noise(self) -> bool:
+        """Whether the fitted data and those that confirm are down to their noise."""
+        return self.after <= FIT_QUALITY and self.corrected.at_noise
+
+    def short_of(self, found: Explanation) -> tuple[str, ...]:
+        """Why what is down to the noise is not surely it."""
+        reasons = (
+            (found.fit.converged, "The last fit had not converged."),
+            (self.needed, "The data that confirm do not ask for each of these effects."),
+            (self.agree, "Halves of the data give different numbers."),
+        )
+        return tuple(reason for holds, reason in reasons if not holds)
+
+    @property
     def carries(self) -> bool:
         """Whether it surely predicts better what it was not fitted to."""
         return self.gain.sure and self.borne_out
@@ -240,10 +254,9 @@ def verdict(found: Explanation, evidence: Evidence) -> Verdict:
         return "none" if evidence.before <= FIT_QUALITY and evidence.declared.at_noise else "unexplained"
     if evidence.before <= FIT_QUALITY and evidence.declared.at_noise and not evidence.needed:
         return "none"
-    at_floor = evidence.after <= FIT_QUALITY and evidence.corrected.at_noise
     plant = any(not c.of_recording for c in found.members)
     sure = evidence.agree or len(found.members) <= LEAPS_ANYHOW
-    if at_floor and found.fit.converged and evidence.needed and sure:
+    if evidence.at_noise and found.fit.converged and evidence.needed and sure:
         return "attributed" if plant else "none"
     if not plant:
         return "unexplained"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from simgap.diagnosis.record.faults.measurement import effect_or_fault
+from simgap.diagnosis.record.faults.measurement import FITTED, effect_or_fault
 from simgap.effects.quoted import Quoted
 from simgap.notation import joined, pretty_unit
 
@@ -25,15 +25,18 @@ def phrase(found: Mapping[str, Any]) -> str:
 def verdict_parts(document: Document) -> list[str]:
     """What was found and explains how much, what cannot be told apart, what is left, where the error is if it is in one
     place, what is wrong with the recording: a sentence or more each, the answer first."""
-    parts = [*_answer(document), _where(document.get("concentrated")), _faults(document.get("recording", ()))]
+    parts = [*_answer(document), _where(document.get("concentrated")), *_faults(document)]
     return [part for part in parts if part]
 
 
-def _faults(recording: Sequence[Mapping[str, Any]]) -> str:
-    """What is wrong with the recording, each once."""
-    if not recording:
-        return ""
-    return f"The recording is at fault: {' '.join(f['sentence'] for f in recording)}"
+def _faults(document: Document) -> list[str]:
+    """What is wrong with the recording, each once; what was fitted is no surer than the effects beside it."""
+    unsure = {f.told_as or f.name for f in FITTED.values()} if document["verdict"] in ("partial", "unexplained") else ()
+    said: dict[str, list[str]] = {}
+    for f in document.get("recording", ()):
+        begin = "The recording may be at fault, as was fitted" if f["fault"] in unsure else "The recording is at fault"
+        said.setdefault(begin, []).append(f["sentence"])
+    return [f"{begin}: {' '.join(sentences)}" for begin, sentences in said.items()]
 
 
 def _answer(document: Document) -> list[str]:
@@ -119,6 +122,10 @@ def _remainder(document: Document) -> str:
         return _unconfirmed(document["unconfirmed"])
     if document.get("faint_memory"):
         return _faint(document["faint_memory"])
+    if document.get("doubts"):
+        return (
+            f"All data are predicted down to their noise, but that does not settle it. {' '.join(document['doubts'])}"
+        )
     error = document["error"]["after"]
     sizes = joined([f"{x:.2g}{_of(document, s)}" for s, x in (error["horizon_rmse"] or error["fit_rmse"]).items()])
     covered = _covered(document.get("remainder"))
