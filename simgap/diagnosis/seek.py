@@ -143,10 +143,10 @@ def under_its_law(
 
 
 def _is_explained(plain: Search, found: Explanation) -> bool:
-    """Whether what was found, or it with one effect more, explains what looked like gross errors too."""
+    """Whether what was found, it with one effect more or with a finer one, explains what looked like gross errors."""
     apart = Search(plain.problem, plain.starts, plain.scale, ends=plain.ends, watch=plain.watch)
     known = apart.explain(found.members, found.fit.theta, found.fit)
-    return apart.reached(known) or any(apart.reached(e) for e in apart.joined(known))
+    return apart.reached(known) or any(apart.reached(e) for e in [*apart.joined(known), *apart.refined(known)])
 
 
 def _grown_from(search: Search, base: Fit, found: Explanation, most: int) -> Explanation:

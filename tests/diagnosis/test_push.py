@@ -159,7 +159,10 @@ def test_the_sentence_says_why_a_push_may_be_a_stop():
 
 
 def test_the_push_is_in_the_sentence():
-    fault = {"sentence": "4.2 to 4.4 s of run1 (a push?): 1 % of the time that is fitted was left out."}
+    fault = {
+        "fault": "push",
+        "sentence": "4.2 to 4.4 s of run1 (a push?): 1 % of the time that is fitted was left out.",
+    }
     text = " ".join(verdict_parts({"verdict": "none", "effects": [], "candidates": [], "recording": [fault]}))
     assert "4.2 to 4.4 s of run1 (a push?)" in text
 

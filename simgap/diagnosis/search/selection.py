@@ -96,8 +96,9 @@ def _best(search: Search, most: int) -> Explanation | None:
 
 def grow(search: Search, current: Explanation, most: int) -> Explanation:
     """Add, drop and swap effects from here on while that pays; what contains one of them is tried in its place."""
-    while len(current.members) < most:
-        option = choose([*search.joined(current), *search.refined(current)])
+    while current.members or most:
+        more = search.joined(current) if len(current.members) < most else []
+        option = choose([*more, *search.refined(current)])
         if option is None or current.bic - option.bic < BIC_GAIN:
             break
         current = _prune(search, _swap(search, _prune(search, option)))
