@@ -30,7 +30,8 @@ class DiagnosisSettings:
         held_out_traces: names of traces that confirm; if empty, `held_out_share` of the record does.
         held_out_share: share of traces or of windows that confirms, and of those that choose (at most half of the
             rest).
-        budget_s: CPU seconds that searching may take; the best answer so far stands then. None: what it needs.
+        budget_s: CPU seconds that a diagnosis may take; the last answer that was judged then stands. None: what it
+            needs.
     """
 
     window_s: float = 1.0
@@ -261,6 +262,7 @@ class Diagnosis:
         concentrated: where the error is, if a small part of the time carries most of it.
         recording: faults of the data, which the answer accounts for.
         at_most: the limit on the number of effects, if a person set one and the answer has as many; else None.
+        stopped: why the search ended early, in a sentence; empty if it did not.
         unconfirmed: readings and inputs that go further where times left out begin than in other data.
         faint_memory: channels of which a part of the noise alone remembers, so that the answer is not attributed.
     """
@@ -284,6 +286,7 @@ class Diagnosis:
     concentrated: Concentrated | None = None
     recording: tuple[RecordingFault, ...] = ()
     steps: tuple[Step, ...] = ()
+    stopped: str = ""
     unconfirmed: tuple[str, ...] = ()
     faint_memory: tuple[str, ...] = ()
     at_most: int | None = None

@@ -96,6 +96,7 @@ def _judgement(found: Diagnosis) -> dict[str, Any]:
         "nearest": _nearest(found.nearest),
         "left_over": _left_over(found.left_over),
         "concentrated": _concentrated(found.concentrated),
+        "stopped": found.stopped,
         "unconfirmed": found.unconfirmed,
         "faint_memory": found.faint_memory,
         "at_most": found.at_most,

@@ -282,6 +282,7 @@ CHOICES = {
     "candidates": ([], [FRICTION]),
     "recording": ([], [TOO_MUCH, TOO_MUCH]),
     "at_most": (None, 3),
+    "stopped": ("", "The search was interrupted: the answer is the best of 3 sets of effects."),
     "unconfirmed": ([], ["q", "u"]),
     "faint_memory": ([], ["q"]),
     "concentrated": (None, {"stretches": [AT], "explained_share_without": 0.7, "error_share": 0.9}),
