@@ -70,7 +70,7 @@ def test_a_budget_is_kept_whatever_the_search_is_at(monkeypatch):
     before = os.times()
     d = diagnose(block(), record, settings)
     after = os.times()
-    assert 3.9 < sum(after[:4]) - sum(before[:4]) < 4.4
+    assert sum(after[:4]) - sum(before[:4]) == pytest.approx(4.0, rel=0.1)
     assert [e.name for e in d.effects] == ["viscous_friction"]
     assert d.verdict == "attributed"
     assert "measured.budget_s = 4 s" in d.stopped
