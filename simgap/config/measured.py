@@ -295,8 +295,8 @@ class MeasuredSection(Section):
     budget_s: float | None = Field(
         default=None,
         gt=0,
-        description="CPU seconds that the search may take; then the best answer so far is judged, with a warning. What "
-        "it is may differ between machines. Without it the search takes what it needs.",
+        description="CPU seconds that the search and its judgement may take; then the last answer that was judged "
+        "on the way stands, and says so. What it is may differ between machines. Without it they take what they need.",
     )
     confidence: float = Field(
         default=0.95, gt=0.5, lt=1, description="Requested coverage of the conformal bound on what no effect explains."

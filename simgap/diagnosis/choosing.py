@@ -13,7 +13,6 @@ from simgap.diagnosis.search.equivalence import rivals
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.selection import by_place, on_all
-from simgap.diagnosis.search.watch import Stopped
 from simgap.diagnosis.seek import Searched
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
@@ -73,8 +72,6 @@ def chosen(parts: Parts, ends: Searched, settings: DiagnosisSettings, not_tried:
             if not search.watch.stopped:
                 each = trials(known, together)
                 carried = transferable(search, sparse, found, each, settings.horizon_s, most, settings.max_effects)
-        except Stopped:
-            carried = None
         except KeyboardInterrupt:
             search.watch.interrupted()
         agree = carried is not None and carried.agrees

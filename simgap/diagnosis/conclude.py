@@ -31,7 +31,6 @@ from simgap.diagnosis.search.equivalence import EXACTLY_COLLINEAR, Rival, as_goo
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.search.scoring import places
-from simgap.diagnosis.search.watch import Watch
 from simgap.diagnosis.simulation.gross_errors import LIMIT
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
@@ -74,7 +73,8 @@ def conclude(
     put_forward = in_order(chosen.kept, path)
     kept, held = (put_forward, seen.new) if named else (full.empty(base), old)
     short = nearest(full, put_forward, seen.evidence, chosen.at_floor, model) if word == "unexplained" else None
-    tested = word in ("partial", "unexplained") and short is None
+    watch = search.watch
+    tested = word in ("partial", "unexplained") and short is None and not watch.stopped
     left = second_look(search, chosen.found if named else empty, confirm, held, horizon, model) if tested else None
     pushes = push_faults(parts.left_out, known, names)
     plain = replace(known, usual=None)
@@ -98,8 +98,9 @@ def conclude(
         candidates=answer.candidate_scores(search, empty, chosen.barred),
         collinear=answer.collinear_table(collinear_pairs(search, empty), EXACTLY_COLLINEAR),
         folds=FoldStretches(*(stretches(p.windows, confirm.t, names) for p in (parts.fit, parts.choose, confirm))),
-        warnings=(*said, *told_of.slight, *_warnings(search.watch, held, kept, horizon), *verdict_is.beside),
+        warnings=(*said, *told_of.slight, *_warnings(held, kept, horizon), *verdict_is.beside),
         doubts=verdict_is.doubts,
+        stopped=f"{watch.stopped}: the answer is the best of {watch.sets} sets of effects." if watch.stopped else "",
         unconfirmed=verdict_is.further,
         faint_memory=verdict_is.faint,
         at_most=most if limited and len(chosen.kept.members) >= most else None,
@@ -175,8 +176,6 @@ def _worded(
 def _rivals(chosen: Chosen) -> list[Rival]:
     """What explains the data as well, each set once."""
     search, found = chosen.search, chosen.found
-    if search.watch.stopped:
-        return once(as_good(search, found))
     others = rivals(search, found)
     if chosen.carried is not None:  # what fits as well need not carry over as well
         others = [r for r in others if r.exact] + [Rival(e, False) for e in chosen.carried.rivals]
@@ -196,10 +195,8 @@ def _of_no_size(every: Sequence[FoundEffect], small: Collection[Key]) -> tuple[s
     return tuple(f"{f.sentence} It is negligible in practice and allowed for." for f in found)
 
 
-def _warnings(watch: Watch, held: HeldOut, kept: Explanation, horizon_s: float) -> tuple[str, ...]:
+def _warnings(held: HeldOut, kept: Explanation, horizon_s: float) -> tuple[str, ...]:
     said = []
-    if watch.stopped:
-        said.append(f"{watch.stopped}: the answer is the best of {watch.sets} sets of effects that were fitted.")
     if not kept.fit.converged:
         said.append("The last fit had not converged: treat its numbers with care.")
     if held.stray and held.at_noise:

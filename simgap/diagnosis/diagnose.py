@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
+from simgap.deadline import found_within
 from simgap.diagnosis import seek
 from simgap.diagnosis.change import Answer, sides_apart
 from simgap.diagnosis.choosing import chosen
@@ -40,10 +42,11 @@ def diagnose(
         record: measured traces in the model's units.
         settings: choices; the defaults if not given.
         tell: told in words how far the search is. An interrupt (Ctrl-C) ends the search, and the best answer so far is
-            judged.
+            judged; under a budget the last that was judged stands.
 
     Raises:
-        UserError: no trace as long as a window, inputs that are not the model's, unknown effects.
+        UserError: no trace as long as a window, inputs that are not the model's, unknown effects, a budget in which
+            nothing is judged.
     """
     return diagnose_mended(model, record, settings, tell)[0]
 
@@ -58,11 +61,32 @@ def diagnose_mended(
     settings = settings or DiagnosisSettings()
     if record.inputs != model.input_names:
         raise UserError(f"the record has inputs {list(record.inputs)}", remedy=f"Give {list(model.input_names)}.")
-    watch = Watch(settings.budget_s, tell)
+    whole = partial(_diagnosed, model, record, settings)
+    if settings.budget_s is None:
+        return whole(Watch(tell=tell))
+    last = None
+    try:
+        for found in found_within(settings.budget_s, lambda told: iter([whole(Watch(settings.budget_s, told))]), tell):
+            last = found
+    except KeyboardInterrupt:
+        if last is None:
+            raise
+    if last is None:
+        raise UserError(
+            "the model as declared was not compared with the record in that time", key="measured.budget_s",
+            remedy=f"Give more than {settings.budget_s:g} s; a first run of a plant also compiles it.",
+        )  # fmt: skip
+    return last
+
+
+def _diagnosed(
+    model: SymbolicModel, record: Record, settings: DiagnosisSettings, watch: Watch
+) -> tuple[Diagnosis, Record]:
     sought = _sought(model, record, settings, watch)
+    seek.looked_again(watch, partial(watch.save, anyhow=True))
     if not sought.coloured:
         search, _, best = sought.ends
-        apart = sides_apart(sought.record, settings, search, best, _part_by(model, watch, tell))
+        apart = sides_apart(sought.record, settings, search, best, _part_by(model, watch.tell))
         if apart is not None:
             return replace(apart, recording=(*sought.faults, *apart.recording)), sought.record
     return _concluded(model, settings, sought), sought.record
@@ -94,6 +118,7 @@ class _Sought:
 def _concluded(model: SymbolicModel, settings: DiagnosisSettings, sought: _Sought) -> Diagnosis:
     """The answer from what was found: the set that is put to *confirm*, and what *confirm* says of it."""
     parts, ends, watch = sought.parts, sought.ends, sought.ends[0].watch
+    watch.over = True
     if watch.stopped:  # what is spent is spent: the answer stands on the samples that it was found on
         parts = replace(parts, known=ends[0].problem)
     put = chosen(parts, ends, settings, sought.not_tried)
@@ -101,7 +126,6 @@ def _concluded(model: SymbolicModel, settings: DiagnosisSettings, sought: _Sough
         other = chosen(*sought.robust, settings, sought.not_tried)
         if other.predicts_better_than(put):
             parts, put = sought.robust[0], other
-    watch.over = True
     return conclude(model, sought.record, settings, parts, put, sought.said, (*sought.faults, *sought.filtered))
 
 
@@ -111,6 +135,7 @@ def _sought(model: SymbolicModel, record: Record, settings: DiagnosisSettings, w
     not_tried = barred(model, record, settings.effects, settings.known)
     robust = None
     most, before = settings.max_effects, seek.begun(parts.known, not_tried, watch)
+    seek.looked_again(watch, watch.save)
     tiers = Tiers(model, record, settings, not_tried, parts)
     wider, wide = tiers.screened(*before)
     if wider is None:
@@ -156,11 +181,11 @@ def ready(
     return record, *parts_of(model, record, settings), (*seen, columns.finding)
 
 
-def _part_by(model: SymbolicModel, watch: Watch, tell: Callable[[str], None]) -> Answer:
-    """Diagnoses a part of the record within what is left of the budget; only where it comes down to its noise."""
+def _part_by(model: SymbolicModel, tell: Callable[[str], None]) -> Answer:
+    """Diagnoses a part of the record; only where it comes down to its noise."""
 
     def answer(part: Record, settings: DiagnosisSettings) -> Diagnosis | None:
-        sought = _sought(model, part, settings, Watch(watch.left, tell))
+        sought = _sought(model, part, settings, Watch(tell=tell))
         search, _, best = sought.ends
         return _concluded(model, settings, sought) if chi2_dof(search.problem, best.fit) <= FIT_QUALITY else None
 

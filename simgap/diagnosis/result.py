@@ -30,7 +30,8 @@ class DiagnosisSettings:
         held_out_traces: names of traces that confirm; if empty, `held_out_share` of the record does.
         held_out_share: share of traces or of windows that confirms, and of those that choose (at most half of the
             rest).
-        budget_s: CPU seconds that searching may take; the best answer so far stands then. None: what it needs.
+        budget_s: CPU seconds that a diagnosis may take; the last answer that was judged then stands. None: what it
+            needs.
     """
 
     window_s: float = 1.0
@@ -262,6 +263,7 @@ class Diagnosis:
         recording: faults of the data, which the answer accounts for.
         at_most: the limit on the number of effects, if a person set one and the answer has as many; else None.
         doubts: why an answer that is down to the noise may be another, in sentences; empty for others.
+        stopped: why the search ended early, in a sentence; empty if it did not.
         unconfirmed: readings and inputs that go further where times left out begin than in other data.
         faint_memory: channels of which a part of the noise alone remembers, so that the answer is not attributed.
     """
@@ -286,6 +288,7 @@ class Diagnosis:
     recording: tuple[RecordingFault, ...] = ()
     steps: tuple[Step, ...] = ()
     doubts: tuple[str, ...] = ()
+    stopped: str = ""
     unconfirmed: tuple[str, ...] = ()
     faint_memory: tuple[str, ...] = ()
     at_most: int | None = None

@@ -35,7 +35,9 @@ Found = TypeVar("Found")
 
 
 def looked_again(watch: Watch, look: Callable[[], Found | None]) -> Found | None:
-    """What one more look finds; None where it finds nothing, or the budget or an interrupt ends it."""
+    """What one more look finds; None where it finds nothing, or the search is stopped."""
+    if watch.stopped:
+        return None
     try:
         return look()
     except Stopped:

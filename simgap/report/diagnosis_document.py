@@ -97,6 +97,7 @@ def _judgement(found: Diagnosis) -> dict[str, Any]:
         "left_over": _left_over(found.left_over),
         "concentrated": _concentrated(found.concentrated),
         "doubts": found.doubts,
+        "stopped": found.stopped,
         "unconfirmed": found.unconfirmed,
         "faint_memory": found.faint_memory,
         "at_most": found.at_most,

@@ -19,6 +19,7 @@ from simgap.diagnosis.simulation.parts import parts_of
 from simgap.diagnosis.verdict.faults import gross_spans
 from simgap.diagnosis.verdict.words import verdict_parts
 from tests.diagnosis.plants import block
+from tests.diagnosis.test_watch import stop_at
 
 DT, FINE = 0.01, 100
 FRICTION = 0.6
@@ -139,12 +140,11 @@ def test_a_push_in_every_other_second_is_no_gross_error():
     assert d.verdict != "attributed"
 
 
-def test_a_budget_that_ends_it_tells_of_no_push():
+def test_a_search_that_is_stopped_tells_of_no_push(monkeypatch):
     """Whatever stands out under the model as declared may be what it lacks."""
     record = Record((_run(1), _run(2), _run(3)), ("q",), ("u",))
-    settings = DiagnosisSettings(
-        noise={"q": 5e-4}, effects=("coulomb_friction",), held_out_traces=("run3",), budget_s=1e-3
-    )
+    settings = DiagnosisSettings(noise={"q": 5e-4}, effects=("coulomb_friction",), held_out_traces=("run3",))
+    stop_at(monkeypatch, 1)
     assert not diagnose(block(), record, settings).recording
 
 

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import os
+
 import numpy as np
 import pytest
 
+from simgap.diagnosis import diagnose as diagnosing
 from simgap.diagnosis import seek
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.search import explanations, selection
+from simgap.diagnosis.search import watch as watching
 from simgap.diagnosis.search.watch import Stopped, Watch
+from simgap.errors import UserError
 from tests.diagnosis.plants import block
 
 DT, LATE = 0.01, 0.05
@@ -38,21 +43,49 @@ def _record(extra: float = 0.0, late: float = 0.0, before: float = 0.0) -> Recor
     return Record(tuple(traces), ("q",), ("u",))
 
 
-def test_a_budget_ends_the_search_and_the_best_so_far_is_judged():
-    said: list[str] = []
-    settings = DiagnosisSettings(effects=EFFECTS, budget_s=1e-3)
-    d = diagnose(block(), _record(), settings, said.append)
+def stop_at(monkeypatch: pytest.MonkeyPatch, most: int) -> list[int]:
+    """Stop searches at so many sets of effects, as a copy that answers on the way is stopped; the sets so far."""
+    fitted: list[int] = []
+
+    def counted(self: Watch, anyhow: bool = False) -> None:
+        if self.sets >= most and not (self.stopped or self.over):
+            self.stopped = "The search was stopped for a test"
+            raise Stopped
+        fitted.append(self.sets)
+
+    monkeypatch.setattr(Watch, "save", counted)
+    return fitted
+
+
+def test_a_budget_is_kept_whatever_the_search_is_at(monkeypatch):
+    """Of a search that takes for ever: what it had saved on its way is the answer, and the time is the budget."""
+
+    def endless(record: Record, settings: DiagnosisSettings, search: explanations.Search, *rest: object) -> None:
+        while not search.watch.stopped:
+            pass
+
+    record, settings = _record(), DiagnosisSettings(effects=EFFECTS, budget_s=4.0)
+    diagnose(block(), record, DiagnosisSettings(effects=EFFECTS))  # compiles
+    monkeypatch.setattr(diagnosing, "sides_apart", endless)
+    before = os.times()
+    d = diagnose(block(), record, settings)
+    after = os.times()
+    assert sum(after[:4]) - sum(before[:4]) == pytest.approx(4.0, rel=0.1)
     assert [e.name for e in d.effects] == ["viscous_friction"]
     assert d.verdict == "attributed"
-    assert any("budget_s" in w and "best of 1 sets" in w for w in d.warnings)
-    assert len(said) == 1
+    assert "measured.budget_s = 4 s" in d.stopped
+
+
+def test_a_budget_in_which_nothing_is_compared_is_refused():
+    with pytest.raises(UserError, match=r"not compared with the record in that time\. Give more than 0\.001 s"):
+        diagnose(block(), _record(), DiagnosisSettings(budget_s=1e-3))
 
 
 def test_progress_names_the_step_and_the_best_answer_so_far():
     said: list[str] = []
     d = diagnose(block(), _record(), DiagnosisSettings(effects=EFFECTS), said.append)
     assert d.verdict == "attributed"
-    assert not any("best of" in w for w in d.warnings)
+    assert not d.stopped
     assert said[0].startswith("1 set of effects fitted")
     assert "best so far: viscous friction at the slide" in said[-1]  # Euler steps act a little early: a late log too
     assert [e.name for e in d.effects] == ["viscous_friction"]
@@ -68,36 +101,45 @@ def test_an_interrupted_search_reports_its_best():
             raise KeyboardInterrupt
 
     d = diagnose(block(), _record(extra=0.2), DiagnosisSettings(effects=EFFECTS), interrupt)
-    assert any("interrupted" in w for w in d.warnings)
+    assert "interrupted" in d.stopped
     assert [e.name for e in d.effects] == ["viscous_friction"]
     assert d.verdict == "partial"
 
 
 def test_a_budget_that_ends_at_any_set_gives_an_answer(monkeypatch):
     """The last sets are fitted to say what else there is; a budget that ended there came out as an exception."""
-    step, fitted = Watch.step, 0
-
-    def counted(self: Watch, best: str) -> None:
-        nonlocal fitted
-        fitted += 1
-        self.budget_s = -1.0 if fitted >= ends_at else None
-        step(self, best)
-
-    monkeypatch.setattr(Watch, "step", counted)
-    record, settings, ends_at = _record(), DiagnosisSettings(effects=EFFECTS[:2]), 10**9
+    record, settings = _record(), DiagnosisSettings(effects=EFFECTS[:2])
+    fitted = stop_at(monkeypatch, 10**9)
     assert diagnose(block(), record, settings).verdict == "attributed"
-    for ends_at in range(fitted, 0, -4):
-        fitted = 0
+    for most in range(max(fitted), 0, -4):
+        stop_at(monkeypatch, most)
         d = diagnose(block(), record, settings)
-        assert [e.name for e in d.effects] == ["viscous_friction"], ends_at
+        assert [e.name for e in d.effects] == ["viscous_friction"], most
+        assert d.stopped.startswith("The search was stopped for a test: the answer is the best of"), most
 
 
-def test_a_watch_stops_once():
-    watch = Watch(budget_s=-1.0)
-    with pytest.raises(Stopped):
-        watch.step("nothing")
-    watch.step("nothing")  # what follows is bounded and runs to its end
-    assert watch.sets == 2
+def test_what_is_not_saved_again_has_not_changed(monkeypatch):
+    """A copy answers at the first save, and then with another answer alone, a while after the last."""
+    left, copies = [10.0], []
+
+    def copied() -> bool:
+        copies.append(left[0])
+        left[0] -= 0.5
+        return False
+
+    monkeypatch.setattr(watching, "copied", copied)
+    monkeypatch.setattr(watching, "seconds_left", lambda: left[0])
+    watch = Watch(budget_s=10.0)
+    for best, spent in (("", 0.0), ("a", 1.0), ("a", 0.5), ("a", 3.0), ("a", 3.0), ("b", 0.0)):
+        left[0] -= spent
+        watch.best = best
+        watch.save()
+    assert copies == [10.0, 5.0, 1.5]
+    watch.best = "c"
+    watch.save(anyhow=True)
+    watch.over = True
+    watch.save(anyhow=True)
+    assert copies == [10.0, 5.0, 1.5, 1.0]
 
 
 @pytest.mark.parametrize(("extra", "before", "again"), [(0.25, 0.0, False), (0.0, 3.0, False), (0.05, 5.0, True)])
@@ -128,11 +170,11 @@ def test_what_is_masked_after_the_end_is_fitted_and_not_searched(monkeypatch):
     monkeypatch.setattr(seek, "searched", once)
     d = diagnose(block(), _record(late=LATE), DiagnosisSettings(effects=("input_delay",)))
     assert len(begun) == 1
-    assert any("stopped after" in w for w in d.warnings)
+    assert "stopped for a test" in d.stopped
 
 
 def _ended(found, watch):
-    watch.stopped = "The search was stopped after measured.budget_s = 0 s"
+    watch.stopped = "The search was stopped for a test"
     return found
 
 

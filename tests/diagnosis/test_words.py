@@ -282,6 +282,7 @@ CHOICES = {
     "candidates": ([], [FRICTION]),
     "recording": ([], [TOO_MUCH, TOO_MUCH]),
     "at_most": (None, 3),
+    "stopped": ("", "The search was interrupted: the answer is the best of 3 sets of effects."),
     "unconfirmed": ([], ["q", "u"]),
     "faint_memory": ([], ["q"]),
     "doubts": ([], ["Halves of the data give different numbers."]),

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import sympy as sp
 
+from simgap.deadline import last_within
 from simgap.errors import UserError
 from simgap.extras.wizard import driven_arm
-from simgap.extras.wizard.deadline import last_within
 from simgap.extras.wizard.driven_arm import Tried, rounded
 from simgap.extras.wizard.posture import posture_of, proportions
 from simgap.extras.wizard.proposal import HELD, WINS, Search, _held, propose

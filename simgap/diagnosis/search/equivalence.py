@@ -35,11 +35,16 @@ def rivals(search: Search, chosen: Explanation) -> list[Rival]:
     """All sets within `BIC_GAIN` of the chosen one, best first, each once.
 
     Each effect is replaced by others in turn, then whole sets by others whose sensitivities span the same space, and an
-    effect of several numbers by one that moves the predictions as these together do. A set that only adds effects to
-    another one on the list is left out.
+    effect of several numbers by one that moves the predictions as these together do; where the search was stopped,
+    those that it fitted are listed. A set that only adds effects to another one on the list is left out.
     """
     if not chosen.members:
         return []
+    return _listed(search, chosen, set() if search.watch.stopped else _fitted(search, chosen))
+
+
+def _fitted(search: Search, chosen: Explanation) -> set[Key]:
+    """Fit what could stand in the place of the chosen effects; the candidates whose sensitivities lie in their span."""
     for member in chosen.members:
         base = search.without(chosen, member)
         floor = base.fit.chi2 - chosen.fit.chi2
@@ -58,7 +63,7 @@ def rivals(search: Search, chosen: Explanation) -> list[Rival]:
     for span, members, columns in [*sets, *simpler]:
         theta = _begun(chosen, null, span, members, columns if search.reached(chosen) else [])
         search.explain(members, theta, chosen.fit, again=True)  # an earlier start may have ended elsewhere
-    return _listed(search, chosen, {c.key for c, _ in inside.joining})
+    return {c.key for c, _ in inside.joining}
 
 
 def _stand_ins(search: Search, member: Candidate) -> list[Candidate]:

@@ -1,29 +1,37 @@
-"""What a search spends and has found so far: progress in words, a budget, and an end on request."""
+"""What a search spends and has found so far: progress in words, answers on the way, and an end on request."""
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from simgap.deadline import copied, seconds_left
+
 TOLD_EVERY_S = 5.0  # progress, where no answer is better
+_SAVED_EVERY = 0.2  # of the budget: a better answer is saved so often at most
 
 
 class Stopped(Exception):
-    """A search that ends before it is done: its budget is spent."""
+    """A search that ends before it is done, with the best that it has found."""
 
 
 @dataclass(eq=False)
 class Watch:
     """One for a whole diagnosis.
 
+    Under a budget the system ends the process, whatever it is at. So the best so far becomes an answer on the way, in a
+    copy of the process in which the search is stopped: the last answer that was whole in time stands.
+
     Attributes:
-        budget_s: seconds of CPU time that searching may take; None: all it needs.
+        budget_s: CPU seconds of the process (`simgap.deadline`); None: all it needs.
         tell: told in words how far it is.
         begun: CPU time at the start, s; told: when something was told last, s; sets: how many sets were fitted.
         best: the best answer so far, in words.
         stopped: why it ended early ("" if it did not); what follows then is neither counted nor interrupted.
-        over: whether a set was chosen: what is fitted after it, to say what else there is, is not held to the budget.
+        over: whether the search is done: what is fitted then, to choose and to say what else there is, is no answer.
+        saved: the answer that was saved last, in words, and when; cost: CPU seconds that saving it took.
     """
 
     budget_s: float | None = None
@@ -34,17 +42,14 @@ class Watch:
     best: str = ""
     stopped: str = ""
     over: bool = False
-
-    @property
-    def left(self) -> float | None:
-        """What is left of the budget, s; at least a second."""
-        return None if self.budget_s is None else max(self.budget_s - (time.process_time() - self.begun), 1.0)
+    saved: tuple[str | None, float] = (None, -math.inf)
+    cost: float = 0.0
 
     def step(self, best: str) -> None:
         """One set of effects was fitted, and this is the best answer so far.
 
         Raises:
-            Stopped: if the budget is spent.
+            Stopped: in a copy that answers with it.
         """
         now = time.process_time() - self.begun
         self.sets += 1
@@ -53,9 +58,25 @@ class Watch:
             self.tell(
                 f"{self.sets} set{'s' * (self.sets > 1)} of effects fitted in {now:.0f} s of CPU; best so far: {best}"
             )
-        if self.budget_s is not None and now > self.budget_s and not (self.stopped or self.over):
-            self.stopped = f"The search was stopped after measured.budget_s = {self.budget_s:g} s"
+        self.save()
+
+    def save(self, anyhow: bool = False) -> None:
+        """Answer with the best so far, if it is another one and a while after the last, or `anyhow`; then go on.
+
+        Raises:
+            Stopped: in the copy that answers.
+        """
+        if self.budget_s is None or self.stopped or self.over:
+            return
+        words, at = self.saved
+        now = self.budget_s - seconds_left()
+        if self.best == words or (now - at < max(self.cost, _SAVED_EVERY * self.budget_s) and not anyhow):
+            return
+        if copied():
+            self.stopped = f"The search did not come to its end (measured.budget_s = {self.budget_s:g} s)"
             raise Stopped
+        after = self.budget_s - seconds_left()
+        self.saved, self.cost = (self.best, after), after - now
 
     def interrupted(self) -> None:
         """A person ended it."""

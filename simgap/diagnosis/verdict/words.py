@@ -24,8 +24,10 @@ def phrase(found: Mapping[str, Any]) -> str:
 
 def verdict_parts(document: Document) -> list[str]:
     """What was found and explains how much, what cannot be told apart, what is left, where the error is if it is in one
-    place, what is wrong with the recording: a sentence or more each, the answer first."""
-    parts = [*_answer(document), _where(document.get("concentrated")), *_faults(document)]
+    place, whether the search ended early, what is wrong with the recording: a sentence or more each, the answer first.
+    """
+    where, stopped = _where(document.get("concentrated")), document.get("stopped", "")
+    parts = [*_answer(document), where, stopped, *_faults(document)]
     return [part for part in parts if part]
 
 
@@ -131,7 +133,9 @@ def _remainder(document: Document) -> str:
     covered = _covered(document.get("remainder"))
     left = f"An error of {sizes} is left{_ahead(error)}"
     over = document.get("left_over", ())
-    if over is None:
+    if document.get("stopped"):
+        why = ""
+    elif over is None:
         why = " on the data that confirm, while the fitted ones are down to their noise: look for what changed"
     elif over:
         why = f"; {_also(over)}"
@@ -176,10 +180,13 @@ def _unexplained(document: Document) -> str:
         verb, them = ("explains", "it") if len(near["effects"]) == 1 else ("together explain", "them")
         most = document.get("at_most")
         more = f"Allow more than {most} effects (measured.max_effects), or look" if most else "Look"
-        return (
+        text = (
             f"{_begun(found)} {verb} {100 * near['explained_share']:.0f} % of the error, "
-            f"which is not enough to name {them}: {joined(near['reasons'])}. {more} for {seek}."
+            f"which is not enough to name {them}: {joined(near['reasons'])}."
         )
+        return text if document.get("stopped") else f"{text} {more} for {seek}."
+    if document.get("stopped"):
+        return "No effect that was tried explains the difference between model and data."
     if over:
         return f"No effect of the library is confirmed on held-out data; {_also(over)}. Look for {seek}."
     best = document["candidates"][0] if document["candidates"] else None

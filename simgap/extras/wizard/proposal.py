@@ -15,8 +15,8 @@ from functools import partial
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.deadline import last_within
 from simgap.errors import UserError
-from simgap.extras.wizard.deadline import last_within
 from simgap.extras.wizard.driven_arm import (
     Tried,
     beside_inputs,

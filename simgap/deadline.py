@@ -1,7 +1,11 @@
-"""A search that ends with its time: it runs in a process of its own, and what it found last is its answer."""
+"""A search that ends with its time: it runs in a process of its own, and what it found last is its answer.
+
+A search that has no whole answer on its way makes one in a copy of its process, and goes on as if it had not.
+"""
 
 from __future__ import annotations
 
+import os
 import signal
 import traceback
 import warnings
@@ -14,10 +18,19 @@ from simgap.errors import UserError
 
 Found = TypeVar("Found")
 Tell = Callable[[str], None]
+_LEAST_S = 1e-6  # 0 is no deadline
 
 
 def last_within(seconds: float, search: Callable[[Tell], Iterator[Found]], tell: Tell) -> Found | None:
-    """The last of what `search(tell)` yields within so many seconds of CPU time, or None.
+    """The last of what a search finds within so many seconds of CPU time, or None: see `found_within`."""
+    last: Found | None = None
+    for found in found_within(seconds, search, tell):
+        last = found
+    return last
+
+
+def found_within(seconds: float, search: Callable[[Tell], Iterator[Found]], tell: Tell) -> Iterator[Found]:
+    """What `search(tell)` yields within so many seconds of CPU time.
 
     Then it is ended, whatever it is at: nothing has to be known of how long a game takes, or to compile one. A search
     that fails after it found something has found that.
@@ -31,34 +44,54 @@ def last_within(seconds: float, search: Callable[[Tell], Iterator[Found]], tell:
         warnings.simplefilter("ignore", DeprecationWarning)  # of other threads: the search asks nothing of them
         process.start()
     there.close()
-    last: Found | None = None
+    any_found = False
     try:
         while True:
             kind, value = here.recv()
-            if kind == "raised" and last is None:
+            if kind == "raised" and not any_found:
                 raise value
             if kind == "raised":
-                return last
+                return
             if kind == "told":
                 tell(value)
             else:
-                last = value
+                any_found = True
+                yield value
     except EOFError:
         process.join()
-        if last is None and process.exitcode not in (0, -signal.SIGPROF):
+        if not any_found and process.exitcode not in (0, -signal.SIGPROF):
             raise RuntimeError(f"the search for numbers ended with status {process.exitcode}") from None
-        return last
     finally:
         process.kill()
         process.join()
         here.close()
 
 
+def seconds_left() -> float:
+    """CPU seconds after which the system ends this process; 0 if it has no deadline."""
+    return signal.getitimer(signal.ITIMER_PROF)[0]
+
+
+def copied() -> bool:
+    """Whether this is the copy of a process with a deadline, which has what is left of its time.
+
+    The process itself waits until the copy ends, and has so much less.
+    """
+    left = seconds_left()
+    copy = os.fork()
+    if copy == 0:
+        signal.setitimer(signal.ITIMER_PROF, left)
+        return True
+    _, _, used = os.wait4(copy, 0)
+    signal.setitimer(signal.ITIMER_PROF, max(left - used.ru_utime - used.ru_stime, _LEAST_S))
+    return False
+
+
 def _report(seconds: float, search: Callable[[Tell], Iterator[Found]], pipe: Connection) -> None:
     """Send what the search tells and finds, until the system ends the process by a signal that nothing handles."""
     signal.signal(signal.SIGPROF, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the command, which ends this one
-    signal.setitimer(signal.ITIMER_PROF, min(max(seconds, 1e-6), 1e9))
+    signal.setitimer(signal.ITIMER_PROF, min(max(seconds, _LEAST_S), 1e9))
     try:
         for found in search(lambda words: pipe.send(("told", words))):
             pipe.send(("found", found))
