@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -162,7 +163,7 @@ def _sought(model: SymbolicModel, record: Record, settings: DiagnosisSettings, w
         heard = (~np.isin(record.measured, [f.channel for f in filtered])).astype(np.float64)
         parts, robust = parts.changed(lambda p: replace(p, heard=heard)), None
         not_tried = {**not_tried, **{(f.fault, f.channel): "the channel was left out" for f in filtered}}
-        ends = seek.searched(parts.known, most, not_tried, watch)
+        ends = seek.searched(parts.known, most, not_tried, watch, (ends[2].leaving(not_tried), math.inf))
     louder = seek.under_its_noise(parts, ends, most, not_tried)
     parts, ends = louder or (parts, ends)
     return _Sought(record, said, faults, parts, ends, filtered, not_tried, louder is not None, robust)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -47,6 +47,10 @@ class Explanation:
     def keys(self) -> frozenset[Key]:
         """Names and targets."""
         return frozenset(c.key for c in self.members)
+
+    def leaving(self, keys: Collection[Key]) -> Explanation:
+        """The rest of it with the numbers that it has, not fitted again."""
+        return replace(self, members=tuple(c for c in self.members if c.key not in keys))
 
     @property
     def count(self) -> int:

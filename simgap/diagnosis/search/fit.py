@@ -85,9 +85,9 @@ def fit(
 ) -> Fit:
     """Levenberg-Marquardt in the projected parameters; each initial state follows by its own step.
 
-    Under dry friction, or where a step fails, each window takes its step or stays, those that do worse than the linear
-    problem foresees are refitted one by one, and at the start and at the end those that stand out are begun afresh, at
-    rest among others: see `simulation.refit`.
+    Under dry friction, or where a step fails, each window takes its step or stays, and those that do worse than the
+    linear problem foresees are refitted one by one. At the start and at the end those that stand out are begun afresh:
+    see `simulation.refit`.
 
     Args:
         problem: windows and model.
@@ -188,12 +188,12 @@ def _follow(problem: Problem, at: _Point, linear: Linearised, theta: Floats, ste
 
 
 def _begun_afresh(problem: Problem, at: _Point, promise: Floats) -> _Point:
-    """Under dry friction, windows whose chi^2 stands out, or that still promise, are refitted from several starts."""
-    if not problem.model.rubs(at.theta):
-        return at
+    """Windows whose chi^2 stands out, or under dry friction still promise, are refitted from several starts."""
     size = at.chi2 / problem.counts
     out = size > np.median(size) * (1.0 + NEAR * np.sqrt(2.0 / problem.counts))
-    lost = np.flatnonzero(out | (promise > EQUIVALENT_CHI2 * np.maximum(1.0, size)))
+    if problem.model.rubs(at.theta):
+        out |= promise > EQUIVALENT_CHI2 * np.maximum(1.0, size)
+    lost = np.flatnonzero(out)
     if not lost.size:
         return at
     ends = refit_from_all(problem.on(problem.windows.pick(lost)), at.theta, at.x0[lost])

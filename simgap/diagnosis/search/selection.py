@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from simgap.diagnosis.search.explanations import SAME, Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.leaps import leap, merge, swap
+from simgap.diagnosis.simulation.sensitivity import with_values
 from simgap.diagnosis.thresholds import BIC_GAIN, FAR, FIT_QUALITY, MOST, WIDTH
 
 
@@ -142,8 +143,10 @@ def carried_over(search: Search, base: Fit, found: Explanation, reduced: float, 
         search: a new search on these windows; base: the model as declared, fitted here.
         found: what another search chose, and `reduced`, its chi^2/dof there; most: largest number of effects.
     """
-    start = fit(search.problem, found.fit.theta, base.x0, [], {})
-    here = _prune(search, search.explain(found.members, found.fit.theta, start))
+    null, kept = search.problem.model.null, {k: float(found.fit.theta[k]) for c in found.members for k in c.slots}
+    theta = with_values(null, kept)
+    start = fit(search.problem, theta, base.x0, [], {})
+    here = _prune(search, search.explain(found.members, theta, start))
     free = search.problem.size - search.problem.taken - len(here.fit.slots)
     now = here.fit.chi2 / max(free, 1)
     return here if now <= FIT_QUALITY or now > MOST * reduced else select(search, base, most)

@@ -1,6 +1,7 @@
 """The initial state of each window, fitted at given parameters: every window by itself, from several starts.
 
-Each window has a damping and an acceptance of its own, so that one that sticks under dry friction holds up no other.
+Over the wells of a plant, at an unstable rest or under dry friction chi^2 of a window has several valleys. Each window
+has a damping and an acceptance of its own, so that one that sticks under dry friction holds up no other.
 Source: Levenberg (1944); Marquardt (1963), J. SIAM 11(2), window by window.
 """
 
@@ -47,19 +48,19 @@ def refit(problem: Problem, theta: Floats, x0: Floats, most: int = _MOST) -> Ref
 
 
 def refit_from_all(problem: Problem, theta: Floats, x0: Floats) -> Refit:
-    """The best end of each window: from x0 (w, nx), under dry friction also from the data's own guess and from rest.
+    """The best end of each window: from x0 (w, nx), from the data's own guess, under dry friction also from rest.
 
-    Dry friction makes chi^2 of a window a function with several valleys: a window that begins stuck has one at rest.
+    A window that begins stuck has a valley at rest.
     Where misses may be gross errors all of them are at a bad start: there what counts as usual shrinks step by step.
     """
     best = refit(problem, theta, x0)
     if problem.usual is not None:
         best = _from_afar(problem, theta, x0, best)
-    if not problem.model.rubs(theta):
-        return best
     guess = initial_states(problem)
-    for start in (guess, at_rest(problem, guess)):
-        best = better(best, refit(problem, theta, start))
+    rests = (at_rest(problem, guess),) if problem.model.rubs(theta) else ()
+    for start in (guess, *rests):
+        if not np.array_equal(start, x0):
+            best = better(best, refit(problem, theta, start))
     return best
 
 
