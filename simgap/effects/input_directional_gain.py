@@ -31,9 +31,9 @@ class InputDirectionalGain(StaticInputEffect):
         return {"ratio_p": contained["ratio"], "ratio_m": contained["ratio"]}
 
     def applied(self, command: sp.Expr, values: Values) -> sp.Expr:
-        """(ratio_p + ratio_m)/2 u + (ratio_p - ratio_m)/2 |u|."""
-        up, down = values["ratio_p"], values["ratio_m"]
-        return (up + down) / 2 * command + (up - down) / 2 * sp.Abs(command)
+        """ratio_p (u + |u|)/2 + ratio_m (u - |u|)/2: the other's part is 0 without rounding."""
+        up, down = (command + sp.Abs(command)) / 2, (command - sp.Abs(command)) / 2
+        return values["ratio_p"] * up + values["ratio_m"] * down
 
     def surfaces(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> tuple[sp.Expr, ...]:
         """Where the sign of the command changes."""
