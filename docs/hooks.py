@@ -22,11 +22,6 @@ COMMANDS = """# Commands
 `simgap COMMAND --help` prints the same. A stage of the workflow is a command too; `simgap run` calls them in order.
 
 """
-PYTHON = """# Python
-
-The public names, from their docstrings; [how to use them](../how-to/python.md). Everything else may change.
-
-"""
 
 
 def on_files(files: Any, config: Any) -> Any:
@@ -40,7 +35,6 @@ def on_files(files: Any, config: Any) -> Any:
         "tutorials/notebook.md": notebook(ROOT / "docs/tutorials/notebook.ipynb"),
         "reference/commands.md": commands(),
         "reference/messages.md": messages(ROOT / "simgap"),
-        "reference/python.md": python_names(),
     }
     for name, text in made.items():
         files.append(File.generated(config, name, content=text))
@@ -124,11 +118,3 @@ def commands() -> str:
             f"| argument | meaning |\n|---|---|\n{rows}\n" if rows else ""
         )
     return text
-
-
-def python_names() -> str:
-    """A heading for mkdocstrings for each public name."""
-    import simgap
-
-    places = {name: f"simgap.{simgap._ROOMS.get(name, 'api')}.{name}" for name in simgap.__all__}
-    return PYTHON + "\n\n".join(f"::: {place}" for place in places.values()) + "\n"

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 _RARE = re.compile(r"[^\n\t -~]")
+_INERTIAS = {"N*m*s^2/rad": "kg*m^2", "N*s^2/m": "kg"}
 _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
 
@@ -33,14 +34,15 @@ def pretty_unit(unit: str) -> str:
     """A unit as it is printed: 'N*m*s/rad' -> 'N m s/rad', 'kg*m^2' -> 'kg m²'; nothing for a pure number.
 
     Units that an effect takes from its coordinate are those of a rotation or a translation: '{force}*s/{position}' ->
-    'N m s/rad or N s/m'; an input's and a reading's are named.
+    'N m s/rad or N s/m'; an input's and a reading's are named. An inertia is in kg m² and a mass in kg.
     """
     if unit in ("1", ""):
         return ""
     if "{force}" in unit or "{position}" in unit:
         kinds = ({"force": "N*m", "position": "rad"}, {"force": "N", "position": "m"})
         return " or ".join(pretty_unit(unit.format(**kind, input="{input}", state="{state}")) for kind in kinds)
-    text = unit.replace("**", "^").replace("{", "").replace("}", " unit").replace("*", " ")
+    text = _INERTIAS.get(unit, unit)
+    text = text.replace("**", "^").replace("{", "").replace("}", " unit").replace("*", " ")
     return re.sub(r"\^([\d-]*)", lambda power: superscript(power[1]), text)
 
 

@@ -245,5 +245,5 @@ def _write(context: Context, question: Question, advice: Advice, out_dir: Path) 
     write_json(out_dir / JSON, content)
     if best is not None:
         with style.figure_style():
-            style.drawn(lambda: next_figure(advice, question.record.measured, left, context.units), out_dir / PICTURE)
+            style.drawn(out_dir / PICTURE, next_figure, advice, question.record.measured, left, context.units)
     return content

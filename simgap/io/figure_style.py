@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import logging
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -74,11 +74,13 @@ def _label(text: str) -> str:
 
 def svg_text(figure: Any) -> str:
     """A figure as an SVG element to put into a page; it carries no date, so equal figures are equal text."""
+    from markupsafe import Markup
+
     buffer = io.StringIO()
     save(figure, buffer, format="svg", metadata={"Date": None, "Creator": None})
     text = buffer.getvalue()
     element = text[text.index("<svg") :]
-    return re.sub(r'width="[\d.]+pt" height="[\d.]+pt"', 'width="100%"', element, count=1)
+    return Markup(re.sub(r'width="[\d.]+pt" height="[\d.]+pt"', 'width="100%"', element, count=1))
 
 
 def save_picture(figure: Any, path: Path) -> None:
@@ -99,29 +101,49 @@ def kept(figure: Any, path: Path) -> str:
     return text
 
 
-def drawn(make: Callable[[], Any], path: Path) -> str:
-    """As `kept`; where a picture cannot be drawn, what stands in its place says so, and nothing else is lost."""
-    from markupsafe import escape
+def drawn(path: Path, figure: Callable[..., Any], *content: Any) -> str:
+    """As `kept`, of `figure(*content)`; where it cannot be drawn, a sentence stands in its place, no more is lost."""
+    from markupsafe import Markup
 
     try:
-        return kept(make(), path)
+        return kept(figure(*content), path)
     except Exception as error:  # of the libraries: no number and no verdict rests on a picture
         log.warning("%s could not be drawn: %s", path.name, one_line(f"{type(error).__name__}: {error}"))
         path.unlink(missing_ok=True)
-        return f'<p class="note">{escape(path.name)} could not be drawn; the log says why.</p>'
+        return Markup('<p class="note">{} could not be drawn; the log says why.</p>').format(path.name)
 
 
-def legend(figure: Any, named: Mapping[str, Any], ncols: int) -> None:
-    """A legend above the panels, no wider than they are: handles by label, a tuple of them side by side."""
+def panels(rows: int, columns: int, height: float, width: float = WIDTH, **shared: Any) -> tuple[Any, Any]:
+    """A figure of a page's width, `height` inches high, and its axes (rows, columns); `shared` as for `subplots`."""
+    import matplotlib.pyplot as plt
+
+    return plt.subplots(rows, columns, figsize=(width, height), squeeze=False, **shared)
+
+
+def legend(figure: Any, ncols: int = 5, markerscale: float = 1.0) -> None:
+    """A legend above the panels, no wider than they are: each label that something drawn carries, once.
+
+    What carries one label in several colours stands side by side.
+    """
     from matplotlib.legend_handler import HandlerTuple
 
+    named: dict[str, dict[str, Any]] = {}
+    for axes in figure.axes:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            named.setdefault(label, {}).setdefault(_colour(handle), handle)
+    handles = [tuple(looks.values()) for looks in named.values()]
     found = figure.legend(
-        list(named.values()), list(named), loc="outside upper left", ncols=ncols, columnspacing=1.0,
+        handles, list(named), loc="outside upper left", ncols=ncols, columnspacing=1.0, markerscale=markerscale,
         handler_map={tuple: HandlerTuple(None)},
     )  # fmt: skip
     if ncols > 1 and found.get_window_extent().width > _LEGEND * figure.bbox.width:
         found.remove()
-        legend(figure, named, ncols - 1)
+        legend(figure, ncols - 1, markerscale)
+
+
+def _colour(handle: Any) -> str:
+    first = handle[0] if isinstance(handle, tuple) else handle  # of a container
+    return str(first.get_color() if hasattr(first, "get_color") else first.get_facecolor())
 
 
 def close(figure: Any) -> None:

@@ -74,7 +74,13 @@ def render(template: str, **content: Any) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"number": number, "unit": pretty_unit, "phrase": phrase, "described": described}
+    environment.filters |= {
+        "number": number,
+        "unit": pretty_unit,
+        "phrase": phrase,
+        "described": described,
+        "script_data": script_data,
+    }
     environment.globals["library"] = library
     style = Markup(reading.read_text(folder() / STYLE))  # quotes of font names must stay quotes
     return _with_contents(printable(environment.get_template(template).render(style=style, **content)))

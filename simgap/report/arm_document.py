@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
-from pathlib import Path
 from typing import Any
 
 from pydantic_core import to_jsonable_python
 
 from simgap.diagnosis.arms.answer import ArmDiagnosis
-from simgap.diagnosis.arms.problem import INERTIAL, TERMS
+from simgap.diagnosis.arms.problem import INERTIAL
 from simgap.diagnosis.record.survey import Survey
 from simgap.diagnosis.record.traces import Reading
 from simgap.diagnosis.verdict import words
 from simgap.effects import effect
 from simgap.effects.quoted import Quoted
-from simgap.io import figure_style as style
-from simgap.io.pages import render, script_data
 from simgap.model.tree import Tree
 from simgap.notation import joined
 from simgap.report.diagnosis_document import effect_entry, explained_error
-from simgap.report.explorer import explored_predictions
-from simgap.report.figures.arm import torque_error_figure, torque_figure
 
 Document = Mapping[str, Any]
 
@@ -71,53 +65,7 @@ def _mounted(document: Document) -> str:
     return text
 
 
-TEMPLATE = "arm_diagnosis.html.j2"
-COLUMNS = (*TERMS, "input_gain")
-MOST_TRACES = 3
 MOST_NUMBERS = 4
-MEANING = {
-    "none": "On data that were never fitted the model as declared misses the torques by no more than their noise.",
-    "attributed": "With these effects, torques that were never fitted are missed by no more than their noise.",
-    "partial": (
-        "The effects have their physical sign, their intervals leave out 'no effect', and torques that were never "
-        "fitted are surely missed by less, by a tenth or more; the noise of the torques is not reached."
-    ),
-    "unexplained": "Nothing that was tried surely lowers the error of torques that were never fitted.",
-}
-
-
-def draw(found: ArmDiagnosis, inputs: Sequence[str], units: Mapping[str, str], folder: Path) -> dict[str, Any]:
-    """All figures: SVG files in `folder`, and their text for the page."""
-
-    longest = sorted(found.predictions, key=lambda p: -len(p.t))[:MOST_TRACES]
-    with style.figure_style():
-        error = style.drawn(lambda: torque_error_figure(found, inputs, units), folder / "error.svg")
-        overlays = [
-            style.drawn(partial(torque_figure, p, inputs, units), folder / f"torques-{k + 1}.svg")
-            for k, p in enumerate(longest)
-        ]
-    explored = explored_predictions(longest[:1], inputs, units) if longest else {}
-    return {"error": error, "overlays": overlays, "explored": explored}
-
-
-def page(document: Mapping[str, Any], title: str, figures: Mapping[str, Any]) -> str:
-    """The page as one HTML text."""
-    from markupsafe import Markup
-
-    marked = {"error": Markup(figures["error"]), "overlays": [Markup(f) for f in figures["overlays"]]}
-    return render(
-        TEMPLATE, d=document, title=title, figures=marked, meaning=MEANING[document["verdict"]], terms=list(COLUMNS),
-        explorer=script_data(figures["explored"]),
-        folds={name: joined(fold["traces"]) for name, fold in document["folds"].items()},
-        rows=[_joint_row(document, row) for row in document["joints"]],
-    )  # fmt: skip
-
-
-def _joint_row(document: Mapping[str, Any], row: Mapping[str, str]) -> dict[str, Any]:
-    """Of a joint: effect -> its estimate, or None."""
-    places = {row["joint"], row["input"]}
-    own = {e["name"]: next(iter(e["parameters"].values())) for e in document["effects"] if e["on"] in places}
-    return {"joint": row["joint"], "found": {name: own.get(name) for name in COLUMNS}}
 
 
 def document(

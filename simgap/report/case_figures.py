@@ -41,7 +41,10 @@ def png(figure: Any, dpi: int) -> bytes:
 
 def embedded(data: bytes) -> str:
     """A PNG as an image element that carries it."""
-    return f'<img alt="" style="width: 100%" src="data:image/png;base64,{base64.b64encode(data).decode()}">'
+    from markupsafe import Markup
+
+    text = base64.b64encode(data).decode()
+    return Markup(f'<img alt="" style="width: 100%" src="data:image/png;base64,{text}">')
 
 
 def shown_on_the_index(made: Mapping[str, Any], states: int) -> str:
@@ -66,8 +69,6 @@ class Drawn:
 
 def draw(m: Material) -> Drawn:
     """Every figure that the case has a use for."""
-    from markupsafe import Markup
-
     figures: dict[str, Any] = dict.fromkeys(NAMES, "")
     files: dict[str, bytes] = {}
     picture = b""
@@ -81,10 +82,10 @@ def draw(m: Material) -> Drawn:
                 continue
             if name in DENSE:
                 files[f"{name}.png"] = png(figure, DPI)
-                figures[name] = Markup(embedded(files[f"{name}.png"]))
+                figures[name] = embedded(files[f"{name}.png"])
             else:
-                text = style.svg_text(figure)
-                figures[name], files[f"{name}.svg"] = Markup(text), text.encode()
+                figures[name] = style.svg_text(figure)
+                files[f"{name}.svg"] = figures[name].encode()
             if name == small:
                 picture = png(figure, SMALL_DPI)
             style.close(figure)

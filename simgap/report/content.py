@@ -36,37 +36,28 @@ SAID = ("plain", "little", "gap_aware", "nominal", "baseline", "arrival", "winni
 
 def content(m: Material) -> dict[str, Any]:
     """Everything that the template prints."""
+    case, audit = m.context.case, m.audit or {}
+    specification = specification_of(case)
     return {
-        "case": m.context.case,
-        "title": m.context.case.title or m.context.case.name,
+        "m": m,
+        "tables": tables,
+        "case": case,
+        "title": case.title or case.name,
         "units": m.context.units,
         "verdict": verdict(m),
-        "specification": specification_of(m.context.case),
-        "specification_sentence": specification_of(m.context.case).sentence(Space.of(m.context.case)),
-        "swept": m.syntheses["gap"].get("between_samples_by") == "swept boxes",
+        "specification": specification,
+        "specification_sentence": specification.sentence(Space.of(case)),
         "settings": settings(m),
         "gap": m.gap,
-        "coefficients": tables.coefficients(m.gap),
         "sweep": tables.sweep(m),
-        "printed": m.printed,
-        "signed": tables.is_signed(m.gap),
-        "lipschitz": tables.lipschitz(m),
-        "scenario": tables.scenario(m.gap),
         "syntheses": m.syntheses,
         "common_free": common_free(m.syntheses),
-        "loops": tables.loops(m),
         "between": between_samples(m),
         "unproven": unproven(m.gap),
-        "hidden": tables.hidden_state(m),
-        "unsettled": tables.unsettled(m.gap),
-        "validation": m.validation,
         "adversary": adversary.section(m),
-        "margins": m.audit["margins"] if m.audit is not None else None,
-        "no_margins": m.audit.get("no_margins", "") if m.audit is not None else "",
+        "margins": audit.get("margins"),
+        "no_margins": audit.get("no_margins", ""),
         "diagnosis": tables.diagnosis(m),
-        "corrected": tables.corrected(m),
-        "too_noisy": tables.too_noisy(m),
-        "sources": tables.sources(m),
     }
 
 

@@ -1,62 +1,32 @@
-"""The pictures and the page of a diagnosis."""
+"""The pictures and the page of a diagnosis, of a plant or of an arm."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from itertools import groupby
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
+from simgap.diagnosis.arms.answer import ArmDiagnosis
 from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY
 from simgap.diagnosis.verdict.missing import Missing
 from simgap.io import figure_style as style
-from simgap.io.pages import render, script_data
+from simgap.io.pages import render
 from simgap.notation import joined
 from simgap.report.explorer import explored_predictions
-from simgap.report.figures.diagnosis import error_figure, missing_figure, overlay_figure, steps_figure
+from simgap.report.figures.diagnosis import (
+    error_figure,
+    missing_figure,
+    overlay_figure,
+    steps_figure,
+    torque_error_figure,
+)
 
-TEMPLATE = "diagnosis.html.j2"
+TEMPLATE, ARM_TEMPLATE = "diagnosis.html.j2", "arm_diagnosis.html.j2"
 MOST_OVERLAYS, WINDOWS_SHOWN = 2, 6
-MEANING = {
-    "none": (
-        "The declared model predicts all windows, those of confirm too, down to the noise, and no candidate improves "
-        "enough on it. Faults of the recording, if any were found, are allowed for."
-    ),
-    "attributed": (
-        "With these effects the fit reaches the noise floor, and so do data that were never fitted; each effect is "
-        "needed."
-    ),
-    "partial": (
-        "The effects have their physical sign, agree between folds and significantly lower the error ahead, by a tenth "
-        "or more, on data that were never fitted; the noise floor is not reached. They may stand in for another cause."
-    ),
-    "unexplained": (
-        "No set of effects reaches the noise floor or predicts data that were never fitted significantly better. The "
-        "corrected case equals the case."
-    ),
-}
-DOUBTED = (
-    "With these effects all data are predicted down to their noise, but others may be behind them: see the verdict."
-)
-UNCONFIRMED = (
-    "With these effects all data that were kept are predicted down to their noise; the data that were left out lie "
-    "where nothing confirms that no other effect acts."
-)
-STEPS = (
-    "From the declared model to the answer, one effect at a time. A line runs from the error before a step to the "
-    "error with that effect, as chi² per degree of freedom of fit and choose; 1 is the noise. Effects of the answer "
-    "are listed in the order in which each removes most, beside the other effects that were fitted at that step. "
-    "What gains less than "
-    f"{BIC_GAIN:g} in BIC, or does not carry over to other data, is not taken; the other candidates, with the "
-    "predicted drop of each, are in diagnosis.json."
-)
-FAINT = (
-    "What is left looks like coloured noise; mechanisms outside the library would leave the same, so nothing is "
-    "attributed."
-)
+MOST_ARM_TRACES = 3
 
 
 def stretches(windows: Sequence[WindowPrediction]) -> list[list[WindowPrediction]]:
@@ -82,43 +52,44 @@ def draw(
 
     `names`: of measured states and of inputs.
     """
-    held = [w for w in windows if w.held_out] or list(windows)
+    held, units = [w for w in windows if w.held_out] or list(windows), document["units"]
     own = sorted((w for w in windows if w.trace == held[0].trace), key=lambda w: float(w.t[0]))
-    explored = explored_predictions(own, names[0], document["units"])
-    texts: dict[str, Any] = {"overlays": [], "missing": [], "error": "", "steps": "", "explored": explored}
+    texts: dict[str, Any] = {"error": "", "steps": "", "explored": explored_predictions(own, names[0], units)}
     with style.figure_style():
         if document["error"]["before"]["horizon_rmse"]:
-            figure = partial(error_figure, document["error"], document["units"])
-            texts["error"] = style.drawn(figure, folder / "error.svg")
-        for k, shown in enumerate(stretches(windows)):
-            figure = partial(overlay_figure, shown, *names, document)
-            texts["overlays"].append((shown[0].trace, style.drawn(figure, folder / f"measured-{k + 1}.svg")))
-        for k, m in enumerate(missing):
-            drawn = style.drawn(partial(missing_figure, m), folder / f"residual-{k + 1}.svg")
-            texts["missing"].append((m.label, drawn))
+            texts["error"] = style.drawn(folder / "error.svg", error_figure, document["error"], units)
+        overlays = [
+            (f"measured-{k + 1}.svg", shown, names[0], units, document["noise"], names[1])
+            for k, shown in enumerate(stretches(windows))
+        ]
+        texts["overlays"] = [(o[1][0].trace, style.drawn(folder / o[0], overlay_figure, *o[1:])) for o in overlays]
+        texts["missing"] = [
+            (m.label, style.drawn(folder / f"residual-{k + 1}.svg", missing_figure, m)) for k, m in enumerate(missing)
+        ]
         if document["steps"]:
-            texts["steps"] = style.drawn(partial(steps_figure, document["steps"]), folder / "steps.svg")
+            texts["steps"] = style.drawn(folder / "steps.svg", steps_figure, document["steps"])
     return texts
 
 
-def page(document: Mapping[str, Any], title: str, figures: Mapping[str, Any]) -> str:
-    """The page as one HTML text."""
-    from markupsafe import Markup
+def draw_arm(found: ArmDiagnosis, inputs: Sequence[str], units: Mapping[str, str], folder: Path) -> dict[str, Any]:
+    """As `draw`, of an arm: errors of its torques, and the longest of its traces."""
+    longest = sorted(found.predictions, key=lambda p: -len(p.t))[:MOST_ARM_TRACES]
+    with style.figure_style():
+        return {
+            "error": style.drawn(folder / "error.svg", torque_error_figure, found.before, found.after, inputs, units),
+            "overlays": [
+                (p.trace, style.drawn(folder / f"torques-{k + 1}.svg", overlay_figure, [p], inputs, units))
+                for k, p in enumerate(longest)
+            ],
+            "explored": explored_predictions(longest[:1], inputs, units) if longest else None,
+        }
 
-    texts = {k: v for k, v in figures.items() if k != "explored"}
-    marked = {k: [(n, Markup(f)) for n, f in v] if isinstance(v, list) else Markup(v) for k, v in texts.items()}
-    return render(
-        TEMPLATE,
-        d=document,
-        title=title,
-        figures=marked,
-        meaning=f"{_meaning(document)} {_limits(document['fit_quality'])}",
-        folds={name: _fold(fold) for name, fold in document["folds"].items()},
-        quality=_quality(document["fit_quality"]),
-        steps_note=STEPS,
-        explorer=script_data(figures["explored"]),
-        rejected={(c["name"], c["on"]): c["rejected"] for c in document["candidates"]},
-    )
+
+def page(document: Mapping[str, Any], title: str, figures: Mapping[str, Any], template: str = TEMPLATE) -> str:
+    """The page as one HTML text."""
+    folds = {name: _fold(fold) for name, fold in document["folds"].items()}
+    limits = {"bic": BIC_GAIN, "chi2": FIT_QUALITY, "rmse": FIT_QUALITY**0.5}
+    return render(template, d=document, title=title, figures=figures, folds=folds, limits=limits)
 
 
 def _fold(fold: Mapping[str, Any]) -> str:
@@ -131,25 +102,3 @@ def _fold(fold: Mapping[str, Any]) -> str:
 
 def _span(window: Mapping[str, Any]) -> str:
     return f"{window['from']:.3g} to {window['to']:.3g}"
-
-
-def _meaning(document: Mapping[str, Any]) -> str:
-    if document.get("faint_memory"):
-        return FAINT
-    if document.get("doubts"):
-        return DOUBTED
-    return UNCONFIRMED if document.get("unconfirmed") else MEANING[document["verdict"]]
-
-
-def _limits(quality: Mapping[str, Any]) -> str:
-    fit, held = quality["chi2_dof"]["after"], quality["held_out_ratio"]["after"]
-    limits = f"limits {FIT_QUALITY:g} and {FIT_QUALITY**0.5:.3g}, wider for few readings"
-    return f"Here: chi²/dof {fit:.3g}, RMSE/σ of confirm {held:.3g} ({limits})."
-
-
-def _quality(quality: Mapping[str, Any]) -> str:
-    fit, held = quality["chi2_dof"], quality["held_out_ratio"]
-    return (
-        f"chi²/dof of fit and choose: {fit['before']:.4g} before, {fit['after']:.4g} after; "
-        f"RMSE/σ of confirm: {held['before']:.4g} before, {held['after']:.4g} after."
-    )

@@ -17,6 +17,7 @@ from simgap.diagnosis.result import WindowPrediction
 from simgap.io import figure_style as style
 from simgap.io.traces import GAP_AWARE, NOMINAL, TITLES, shown
 from simgap.notation import axis_label
+from simgap.report.figures.diagnosis import LOOKS, in_sequence
 from simgap.report.figures.gap import scaled
 from simgap.report.figures.traces import first_seconds
 from simgap.report.material import Material
@@ -77,16 +78,11 @@ def explored_predictions(
 ) -> dict[str, Any]:
     """Measured and predicted values of one trace, a row for each name: windows in order, with a break between them."""
     ends = np.cumsum([len(w.t) for w in windows])
-    kept = windows[: max(1, int(np.searchsorted(ends, MOST_SAMPLES)))]
-    t = np.concatenate([np.append(w.t, w.t[-1]) for w in kept])
-    looks = (("measured", style.MEASURED, "solid"), ("before", style.BEFORE, "dash"), ("after", style.AFTER, "solid"))
-    lines = {
-        word: np.concatenate([np.pad(getattr(w, word), ((0, 1), (0, 0)), constant_values=np.nan) for w in kept])
-        for word, *_ in looks
-    }
+    t, lines = in_sequence(windows[: max(1, int(np.searchsorted(ends, MOST_SAMPLES)))])
+    dashes = {word: "dash" if "ls" in look else "solid" for word, look in LOOKS.items()}
     rows = [
-        Row(axis_label(name, units), [Curve(word, t, lines[word][:, k], colour, dash) for word, colour, dash in looks])
-        for k, name in enumerate(names)
+        Row(axis_label(n, units), [Curve(w, t, lines[w][:, k], LOOKS[w]["color"], dash) for w, dash in dashes.items()])
+        for k, n in enumerate(names)
     ]
     return _figure(rows, float(t[-1]), float(t[0]))
 

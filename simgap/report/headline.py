@@ -9,6 +9,7 @@ from typing import Any
 from simgap.config.validation import Trials
 from simgap.gap.fitting.acceptance import Outside, clopper_pearson_upper
 from simgap.io.traces import BASELINE, EVERY_TITLE, GAP_AWARE, NOMINAL, SIMULATOR
+from simgap.notation import number
 from simgap.report import adversary, tables
 from simgap.report.material import Material
 from simgap.specifications.base import specification_of
@@ -54,7 +55,8 @@ def plain(m: Material) -> str:
     tallies, failed = m.validation["controllers"], specification_of(m.context.case).words.failed
     gap_aware, nominal = tallies[GAP_AWARE][SIMULATOR], tallies[NOMINAL][SIMULATOR]
     bad, runs = gap_aware["runs_that_violated_it"], gap_aware["runs"]
-    said = f"In {runs:,} simulated runs, the controller that knows the gap "
+    checked = "" if specification_of(m.context.case).between_samples else f", checked every {m.context.domain.tau:g} s"
+    said = f"In {runs:,} simulated runs{checked}, the controller that knows the gap "
     said += f"never {failed}. " if not bad else f"failed {bad:,} times. "
     if outside := gap_aware["steps_outside_gamma"]:
         said += f"But {outside:,} of {gap_aware['steps']:,} steps lay outside the bound of the gap. "
@@ -73,7 +75,7 @@ def _trusting(tally: Mapping[str, Any], failed: str, tau: float) -> str:
     if not bad:
         return f"did not fail in {runs:,} runs either, but nothing guarantees that"
     what = "failed" if tally["ends"].get(STUCK) else failed
-    soon = f", half of the failures within {median * tau:.2g} s" if median and bad > 1 else ""
+    soon = f", half of the failures within {number(median * tau, 2)} s" if median and bad > 1 else ""
     return f"{what} in {bad:,} of {runs:,} runs{soon}"
 
 

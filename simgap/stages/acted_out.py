@@ -191,7 +191,7 @@ def _judged(stated: ActedOut, sets: Sequence[Effects], errors: Sequence[float]) 
     best = best if errors[best] < (1.0 - MATTERS) * errors[0] and errors[best] <= NEAR else 0
     tried = tuple((tuple((e.name, e.on) for e in s), error) for s, error in zip(sets, errors, strict=True))
     taken, other = sets[best], max(sets, key=len) if not sets[best] else ()
-    words = joined([e.name.replace("_", " ") for e in taken] or [""])
+    words = joined([effect(e.name).phrase(e.on) for e in taken])
     what = f"includes {words}" if taken else "stays as it is"
     beside = "without them" if taken else "with the effects on top"
     far = (

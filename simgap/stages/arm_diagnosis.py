@@ -24,7 +24,8 @@ from simgap.io.rerun.diagnosis import write_recording
 from simgap.model.tree import Tree
 from simgap.plants.context import Context
 from simgap.provenance import provenance
-from simgap.report.arm_document import TEMPLATE, document, draw, page
+from simgap.report.arm_document import document
+from simgap.report.diagnosis_page import ARM_TEMPLATE, draw_arm, page
 from simgap.stages import log
 from simgap.stages.acted_out import acted_out
 from simgap.stages.corrected_case import CASE, corrected_case, write_answer
@@ -43,7 +44,7 @@ def run(
     Raises:
         UserError: whatever is wrong with the case or the data, naming file, row or key and the remedy.
     """
-    need_template(TEMPLATE)
+    need_template(ARM_TEMPLATE)
     record, model, case = reading.record, context.plant.declared, context.case
     with context.blame():
         inputs = [_drive(context, joint) for joint in tree.joints]
@@ -70,7 +71,8 @@ def run(
     none = {n: np.zeros(0) for n in (*nothing, *(f"next_{n}" for n in record.measured))}  # is held against gamma
     write_answer(context, content, text, none, out_dir)
     tell(f"{content['verdict']}: {content['sentence']}")
-    write_text(out_dir / PAGE, page(content, case.title or case.name, draw(found, inputs, context.units, out_dir)))
+    figures = draw_arm(found, inputs, context.units, out_dir)
+    write_text(out_dir / PAGE, page(content, case.title or case.name, figures, ARM_TEMPLATE))
     write_recording(out_dir / RECORDING, found.predictions, inputs, (), context.units, case.name)
     return content
 

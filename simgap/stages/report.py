@@ -15,7 +15,7 @@ from simgap.io.atomic import write_bytes, write_text
 from simgap.io.controller_file import load_domain_of
 from simgap.io.documents import read_json, write_json
 from simgap.io.gap_file import SavedGap, load_gap
-from simgap.io.pages import need_template, render, script_data
+from simgap.io.pages import need_template, render
 from simgap.io.parquet import read_parquet
 from simgap.io.traces import GAP_AWARE, NOMINAL, split
 from simgap.lint.costs import costs, duration
@@ -82,10 +82,8 @@ def run(
     said = content(material)
     write_json(figures_out, summary(material, said) | {"provenance": record})
     drawn = draw(material)
-    explorer = script_data(explored_runs(material))
-    page = render(
-        TEMPLATE, figures=drawn.markup, notes=drawn.notes, later=later, provenance=record, explorer=explorer, **said
-    )
+    figures = {**drawn.markup, "explored": explored_runs(material)}
+    page = render(TEMPLATE, figures=figures, notes=drawn.notes, later=later, provenance=record, **said)
     if folder is not None:
         for name, data in drawn.files.items():
             write_bytes(folder / name, data)

@@ -256,11 +256,13 @@ def test_a_gap_is_shown_along_the_state_that_it_follows_and_never_along_a_free_o
 
 @pytest.mark.parametrize("dots", [62, 170])
 def test_a_legend_is_no_wider_than_its_figure(dots):
-    import matplotlib.pyplot as plt
-
     with style.figure_style():
-        figure, _ = plt.subplots(1, 2, figsize=(style.WIDTH, 3.0))
-        figures_domains._legend(figure, True, "leaves the safe set")
+        figure, axes = style.panels(1, 2, 3.0)
+        for label in ("winning domain", "outline of the other domain", "run in the simulator", "leaves the safe set"):
+            for axis, colour in zip(axes[0], ("b", "r"), strict=True):
+                axis.plot([0, 1], color=colour, marker="o", label=label)
+        style.legend(figure)
+        assert len(figure.legends[0].get_texts()) == 4, "a label of both panels stands once"
         figure.set_dpi(dots)
         figure.canvas.draw()
         assert figure.legends[0].get_window_extent().x1 <= figure.bbox.x1

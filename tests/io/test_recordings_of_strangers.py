@@ -8,6 +8,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from simgap import reading
+from simgap.config.measured import MeasuredSection
+from simgap.diagnosis.record.channels import Channel
+from simgap.diagnosis.record.traces import read_traces
 from simgap.errors import UserError
 from simgap.io.recordings.tables import read_recording
 
@@ -95,3 +98,41 @@ def test_what_is_no_text_is_called_by_its_name(tmp_path, start, said):
     (tmp_path / "run.bin").write_bytes(start + b"\xff\xfe" * 100)
     with pytest.raises(UserError, match=rf"run\.bin: is .*{said}"):
         read_recording(tmp_path / "run.bin", ["q"], "t", "trace")
+
+
+EMPTY = {"csv": "", "na.csv": "NaN", "json": "null"}
+
+
+@pytest.mark.parametrize("kind", EMPTY)
+def test_a_row_with_an_empty_cell_is_one_that_is_missing(tmp_path, kind):
+    """The record is the one of a file without that row; a count of them is said."""
+    rng, lost = np.random.default_rng(7), {"q": 30, "u": 71}
+    rows = [[f"{0.01 * k:.2f}", *(f"{x:.6f}" for x in rng.standard_normal(2))] for k in range(100)]
+
+    def read(name, rows):
+        lines = [",".join(("t", "q", "u")), *map(",".join, rows)]
+        if kind == "json":
+            lines = [f'{{"t": {t}, "q": {q}, "u": {u}}}' for t, q, u in rows]
+        (tmp_path / name).write_text("\n".join(lines) + "\n")
+        raw = read_recording(tmp_path / name, ["q", "u"], "t", "trace")
+        channels = [Channel("q", "rad", False, "q"), Channel("u", "N*m", True, "u")]
+        return read_traces([raw], channels, MeasuredSection(window_s=0.2))
+
+    without = read(f"without.{kind}", [row for k, row in enumerate(rows) if k not in lost.values()])
+    for column, k in lost.items():
+        rows[k][("t", "q", "u").index(column)] = EMPTY[kind]
+    found = read(f"empty.{kind}", rows)
+    (one,), (other,) = found.record.traces, without.record.traces
+    for name in ("t", "y", "u"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    assert [w.split(": ", 1)[1] for w in found.warnings] == ["2 rows have an empty cell and count as missing"]
+    assert found.files[0].rows - found.files[0].rows_used == 2
+    assert without.warnings == ()
+
+
+def test_many_empty_cells_are_refused(tmp_path):
+    """Columns of two rates leave most rows with one: no row is whole, and the file cannot say which belong together."""
+    lines = [f"{0.01 * k:.2f},{k}," if k % 2 else f"{0.01 * k:.2f},,{k}" for k in range(100)]
+    (tmp_path / "run.csv").write_text("t,q,u\n" + "\n".join(lines) + "\n")
+    with pytest.raises(UserError, match=r"row 1, column 'q': the cell is empty; 100 of 100 rows .* common times"):
+        read_recording(tmp_path / "run.csv", ["q", "u"], "t", "trace")

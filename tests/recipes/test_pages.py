@@ -70,6 +70,16 @@ def test_every_file_that_is_named_is_there(root):
     assert [pair for pair in sorted(named) if not (root / pair[1]).is_file()] == []
 
 
+def test_every_link_leads_to_a_file_of_the_repository(root):
+    """The site checks its own links; a person reads these pages in the repository too."""
+    texts = {
+        path: re.sub(r"```.*?```", "", path.read_text(), flags=re.S) for path in [*pages(root), root / "CHANGELOG.md"]
+    }
+    links = [(p, link) for p, text in texts.items() for link in re.findall(r"\]\((?!https?:)([^)#\s]+)", text)]
+    assert len(links) > 100
+    assert [(p.name, link) for p, link in links if not (p.parent / link).exists()] == []
+
+
 def test_tables_are_those_of_the_results(root, tables):
     compared = 0
     for path in pages(root):

@@ -66,7 +66,7 @@ def test_a_simulator_that_has_the_friction_does_not_get_it_again(tmp_path, simul
     page = (tmp_path / "out" / "report.html").read_text()
     assert "Where the effects go" in page
     assert content["simulator"]["reason"] in page
-    assert ("includes coulomb friction" if twice else "stays as it is") in content["simulator"]["reason"]
+    assert ("includes Coulomb friction at the hinge" if twice else "stays as it is") in content["simulator"]["reason"]
 
 
 @pytest.mark.parametrize(

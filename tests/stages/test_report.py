@@ -69,7 +69,9 @@ def page(folder):
 
 def test_the_verdict_is_the_counts(pendulum):
     text = page(pendulum[0]).text
-    assert "In 2 simulated runs, the controller that knows the gap never left the safe set." in text
+    assert (
+        "In 2 simulated runs, checked every 0.005 s, the controller that knows the gap never left the safe set." in text
+    )
     assert re.search(
         r"The controller that trusts the model left the safe set in 2 of 2 runs, half of the failures within [\d.]+ s",
         text,

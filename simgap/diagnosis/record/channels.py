@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.arrays import Floats, Ints
+from simgap.arrays import Bools, Floats, Ints
 from simgap.errors import UserError, excerpt, placed
 from simgap.units import conversion, full_turn
 
@@ -22,7 +22,7 @@ class RawTable:
         header: every column of the file, asked for or not.
         time: (n,) stamps as recorded, float64 or int64; int64 keeps nanoseconds since an epoch exact.
         time_unit: unit of the stamps if the file itself says so (a time-stamp type), else None.
-        columns: (n,) finite float64 each.
+        columns: (n,) float64 each, finite or NaN where the cell is empty.
         labels: (n,) text of the trace column, or None where the file has none.
         units: unit stored with a column in the file.
         notes: what a person should know of how it was read, in sentences.
@@ -42,6 +42,11 @@ class RawTable:
     def rows(self) -> int:
         """Number of rows."""
         return int(self.time.size)
+
+    @property
+    def whole(self) -> Bools:
+        """Which rows have no empty cell, (n,)."""
+        return np.asarray(~np.isnan([np.zeros(self.rows), *self.columns.values()]).any(axis=0))
 
 
 def no_time_column(time: str, header: Sequence[str], file: str) -> UserError:

@@ -147,15 +147,16 @@ def _file_traces(
 
 
 def by_label(table: RawTable) -> Iterator[tuple[str | None, Ints]]:
-    """Rows of each trace of a file, traces in the order in which they first appear."""
+    """Rows of each trace of a file without an empty cell, traces in the order in which they first appear."""
+    whole = np.flatnonzero(table.whole)
     if table.labels is None:
-        yield None, np.arange(table.rows, dtype=np.int64)
+        yield None, whole
         return
-    values, first, inverse = np.unique(table.labels, return_index=True, return_inverse=True)
+    values, first, inverse = np.unique(table.labels[whole], return_index=True, return_inverse=True)
     order = np.argsort(inverse, kind="stable")
     groups = np.split(order, np.cumsum(np.bincount(inverse))[:-1])
     for g in np.argsort(first):
-        yield str(values[g]), groups[g]
+        yield str(values[g]), whole[groups[g]]
 
 
 def _unique_names(files: Sequence[str]) -> list[str]:

@@ -36,7 +36,7 @@ def _faults(document: Document) -> list[str]:
     unsure = {f.told_as or f.name for f in FITTED.values()} if document["verdict"] in ("partial", "unexplained") else ()
     said: dict[str, list[str]] = {}
     for f in document.get("recording", ()):
-        begin = "The recording may be at fault, as was fitted" if f["fault"] in unsure else "The recording is at fault"
+        begin = "About the recording, no surer than the effects" if f["fault"] in unsure else "About the recording"
         said.setdefault(begin, []).append(f["sentence"])
     return [f"{begin}: {' '.join(sentences)}" for begin, sentences in said.items()]
 

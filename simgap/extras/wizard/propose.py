@@ -47,7 +47,7 @@ class Numbers:
         if part >= SMALL:
             return ""
         return (
-            f"X is small: {part:.2g} of the desired width along an axis, because of joint limits, input limits or "
+            f"X is small: {part:.2g} of the desired width in one state, because of joint limits, input limits or "
             "coupling between joints. Stronger drives, or tau, X and U by hand, may do better "
             "(docs/how-to/four_states.md)."
         )

@@ -71,13 +71,13 @@ def json_table(
 
 
 def _numbers(cells: Sequence[Any], file: str, name: str, stamps: bool) -> pa.Array:
-    """A column of numbers; whole stamps stay exact: nanoseconds since an epoch have more digits than a float."""
-    kinds = set(map(type, cells))
-    if kinds <= _NUMBERS:
+    """A column of numbers, NaN for null; whole stamps stay exact: nanoseconds since an epoch have too many digits."""
+    kinds, taken = set(map(type, cells)), _NUMBERS if stamps else _NUMBERS | {type(None)}
+    if kinds <= taken:
         for kind in (np.int64, np.float64) if stamps and kinds == {int} else (np.float64,):
             with suppress(OverflowError):
                 return pa.array(np.array(cells, dtype=kind))
-    row = next(k for k, cell in enumerate(cells) if type(cell) not in _NUMBERS or abs(cell) > sys.float_info.max)
+    row = next(k for k, cell in enumerate(cells) if type(cell) not in taken or abs(cell or 0) > sys.float_info.max)
     raise _bad(file, name, row, cells[row], "not a finite number")
 
 

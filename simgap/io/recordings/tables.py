@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,6 +13,7 @@ import numpy as np
 from simgap import reading
 from simgap.arrays import Floats
 from simgap.diagnosis.record.channels import RawTable, no_time_column
+from simgap.diagnosis.thresholds import A_FEW
 from simgap.errors import UserError, excerpt, placed
 from simgap.io.parquet import checksum_holds, record_of
 from simgap.io.recordings.csv_file import CsvLayout, csv_layout, read_csv_columns
@@ -38,8 +40,9 @@ def read_recording(path: Path, wanted: Iterable[str], time: str, trace: str, nam
         name: how messages and reports call the file; its path if not given.
 
     Raises:
-        UserError: for a file that is missing, empty, damaged or has no time column, and for a cell that is empty,
-            not finite or not a number (with its row, counted from 1 below the header or in the list of samples).
+        UserError: for a file that is missing, empty, damaged or has no time column, for a cell that is not finite or
+            not a number (with its row, counted from 1 below the header or in the list of samples), for an empty stamp,
+            and where more than a few rows have an empty cell.
     """
     file = name or str(path)
     _refuse_no_file(path, file)
@@ -68,7 +71,7 @@ def read_recording(path: Path, wanted: Iterable[str], time: str, trace: str, nam
         units={c: unit for c in chosen if (unit := _unit(table.schema.field(c), file)) is not None},
         sha256=sha256,
     )
-    return _whole(raw, path, file)
+    return _whole(_noting_empty(raw, word), path, file)
 
 
 def kind_of(path: Path) -> Kind:
@@ -154,21 +157,43 @@ def _stamps(column: Any, file: str, name: str) -> tuple[Any, str | None]:
     if pa.types.is_integer(column.type):
         _no_nulls(column, file, name)
         return np.asarray(column.to_numpy(), dtype=np.int64), None
-    return _numbers(column, file, name), None
+    return _numbers(column, file, name, stamps=True), None
 
 
-def _numbers(column: Any, file: str, name: str) -> Floats:
-    """A column as finite float64; the first cell that is not one is named."""
+def _noting_empty(raw: RawTable, word: str) -> RawTable:
+    """The table with a note of its rows with an empty cell: they count as rows that are missing.
+
+    Raises:
+        UserError: there are so many that the columns may have been logged at different times.
+    """
+    empty = np.flatnonzero(~raw.whole)
+    if empty.size == 0:
+        return raw
+    if empty.size > A_FEW * raw.rows:
+        column = next(name for name, values in raw.columns.items() if np.isnan(values[empty[0]]))
+        raise UserError(
+            f"row {empty[0] + 1}, {word} '{column}': the cell is empty; {empty.size:,} of {raw.rows:,} rows have one",
+            file=raw.file, remedy=f"At most {100 * A_FEW:g} % may. Write all columns at common times.",
+        )  # fmt: skip
+    rows = (
+        "1 row has an empty cell and counts" if empty.size == 1 else f"{empty.size} rows have an empty cell and count"
+    )
+    return replace(raw, notes=(*raw.notes, f"{rows} as missing"))
+
+
+def _numbers(column: Any, file: str, name: str, stamps: bool = False) -> Floats:
+    """A column as finite float64, NaN where a cell that is no stamp is empty; the first other cell is named."""
     if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
         column = _from_text(column, file, name)
-    _no_nulls(column, file, name)
+    if stamps:
+        _no_nulls(column, file, name)
     try:
         values = np.ascontiguousarray(column.cast(pa.float64()).to_numpy(), dtype=np.float64)
     except pa.ArrowException:
         raise UserError(
             f"{name} holds {excerpt(column.type)}, not numbers", file=file, remedy="Write plain numbers."
         ) from None
-    bad = np.flatnonzero(~np.isfinite(values))
+    bad = np.flatnonzero(~np.isfinite(values) if stamps else np.isinf(values))
     if bad.size:
         raise _bad_cell(file, name, int(bad[0]), str(values[bad[0]]))
     return values
@@ -203,7 +228,7 @@ def _bad_cell(file: str, name: str, row: int, cell: str) -> UserError:
     return UserError(
         f"row {row + 1}, {name}: {what}",
         file=file,
-        remedy="Remove the row, or drop its time: measured.masks: [{drop: [from, to]}].",
+        remedy="Remove the row, or empty the cell if it is no stamp.",
     )
 
 

@@ -30,19 +30,17 @@ def arena_figure(
         scene: arena, obstacles, target and footprint; traces: those in the simulator in colour, on the model in grey.
         units, states: of the axes; surroundings: draws arena, obstacles and target on axes.
     """
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(1, 2, figsize=(style.WIDTH, 5.2), sharex=True, sharey=True)
-    for axis, kind in zip(axes, (NOMINAL, GAP_AWARE), strict=True):
+    figure, axes = style.panels(1, 2, 5.2, sharex=True, sharey=True)
+    for axis, kind in zip(axes[0], (NOMINAL, GAP_AWARE), strict=True):
         surroundings(axis)
         _frame(axis, scene)
         for trace in traces:
             if trace.controller == kind:
-                _run(axis, scene, trace, COLOURS[kind] if trace.plant == SIMULATOR else "#8A8F98")
+                _run(axis, scene, trace, COLOURS[kind] if trace.plant == SIMULATOR else style.GREY)
         axis.set_title(TITLES[kind], color=COLOURS[kind])
         axis.set_xlabel(axis_label(states[scene.axes[0]], units))
-    axes[0].set_ylabel(axis_label(states[scene.axes[1]], units))
-    _legend(figure)
+    axes[0, 0].set_ylabel(axis_label(states[scene.axes[1]], units))
+    style.legend(figure)
     return figure
 
 
@@ -57,16 +55,17 @@ def _frame(axis: Any, scene: PlanarScene) -> None:
 def _run(axis: Any, scene: PlanarScene, trace: Trace, colour: str) -> None:
     simulated = trace.plant == SIMULATOR
     x, y = (trace.x[:, j] for j in scene.axes[:2])
-    axis.plot(x, y, color=colour, lw=1.6 if simulated else 1.1, ls="-" if simulated else (0, (4, 2)), zorder=4)
     if not simulated:
+        axis.plot(x, y, color=colour, lw=1.1, ls=(0, (4, 2)), zorder=4, label="nominal model")
         return
+    axis.plot(x, y, color=colour, lw=1.6, zorder=4, label="simulator")
     for k in np.unique(np.linspace(0, len(x) - 1, FOOTPRINTS).astype(int)):
         _footprint(axis, scene, trace.x[k], colour)
     axis.plot(x[0], y[0], "o", color=colour, ms=6, mec="white", mew=0.8, zorder=6)
     if trace.violates:
         first = int(np.flatnonzero(~trace.safe)[0])
         _footprint(axis, scene, trace.x[first], style.BLACK)
-        axis.plot(x[first], y[first], "X", color=style.BLACK, ms=10, mec="white", zorder=7)
+        axis.plot(x[first], y[first], "X", color=style.BLACK, ms=10, mec="white", zorder=7, label="collision")
 
 
 def _footprint(axis: Any, scene: PlanarScene, x: Floats, colour: str) -> None:
@@ -79,20 +78,6 @@ def _footprint(axis: Any, scene: PlanarScene, x: Floats, colour: str) -> None:
     axis.plot(*np.column_stack([centre, nose]), color=colour, lw=0.9, zorder=5)
 
 
-def _legend(figure: Any) -> None:
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
-    named = {
-        "simulator": (Line2D([], [], color=style.VERMILLION), Line2D([], [], color=style.BLUE)),
-        "nominal model": Line2D([], [], color="#8A8F98", ls=(0, (4, 2))),
-        "collision": Line2D([], [], color=style.BLACK, marker="X", ls="", mec="white", ms=10),
-        "obstacle": Patch(facecolor=style.SURROUNDINGS.obstacle),
-        "target": Patch(facecolor=style.SURROUNDINGS.target[0], edgecolor=style.SURROUNDINGS.target[1]),
-    }
-    style.legend(figure, named, 5)
-
-
 def times_figure(steps: Mapping[str, Sequence[int]], tau: float, promised: int | None = None) -> Any:
     """Histogram of the times to the target, for each controller.
 
@@ -101,9 +86,7 @@ def times_figure(steps: Mapping[str, Sequence[int]], tau: float, promised: int |
         promised: steps within which the gap-aware controller arrives from any winning cell, whatever the gap within
             gamma; None: nothing is drawn.
     """
-    import matplotlib.pyplot as plt
-
-    figure, axis = plt.subplots(figsize=(style.WIDTH, 3.0))
+    figure, ((axis,),) = style.panels(1, 1, 3.0)
     own = {
         kind: tau * np.asarray(steps[kind], dtype=float)
         for kind in (NOMINAL, BASELINE, GAP_AWARE)
@@ -121,5 +104,5 @@ def times_figure(steps: Mapping[str, Sequence[int]], tau: float, promised: int |
         label = f"promised by the gap-aware controller from any winning state: {tau * promised:g} s"
         axis.axvline(tau * promised, color=COLOURS[GAP_AWARE], ls=(0, (4, 2)), lw=1.8, label=label)
     axis.set_xlim(0.0, 1.02 * longest if promised else longest)
-    figure.legend(loc="outside upper left", ncols=1)
+    style.legend(figure, 1)
     return figure

@@ -22,12 +22,9 @@ def layer_panels(
     grid: Grid, layers: Sequence[int], states: Sequence[str], units: Mapping[str, str]
 ) -> tuple[Any, Any, list[tuple[Any, int]]]:
     """A figure with a panel for each layer of the third state: figure, all axes, and pairs of panel and layer."""
-    import matplotlib.pyplot as plt
-
     columns = min(3, len(layers))
     rows = -(-len(layers) // columns)
-    size = (style.WIDTH, 2.75 * rows + 0.5)
-    figure, axes = plt.subplots(rows, columns, figsize=size, sharex=True, sharey=True, squeeze=False)
+    figure, axes = style.panels(rows, columns, 2.75 * rows + 0.5, sharex=True, sharey=True)
     pairs = list(zip(axes.ravel(), layers, strict=False))
     for axis, k in pairs:
         third = grid.box.lo[2] + grid.h[2] * (2 * k + 1)

@@ -7,85 +7,86 @@ from typing import Any
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.verdict.missing import Binned, Missing
 from simgap.diagnosis.verdict.words import phrase
 from simgap.io import figure_style as style
 from simgap.notation import axis_label, number, pretty_unit
 
+LOOKS: dict[str, dict[str, Any]] = {
+    "measured": {"color": style.MEASURED, "lw": 3.2, "alpha": 0.35},
+    "before": {"color": style.BEFORE, "ls": (0, (5, 2))},
+    "after": {"color": style.AFTER, "lw": 1.3},
+}
+COLUMNS = (*LOOKS, "inputs")
+INPUTS = (style.GREEN, style.PURPLE, style.ORANGE, style.SKY)
 MOST_POINTS = 1500
 NO_LESS = 0.5  # of chi^2/dof that is shown
 MOST_OPTIONS = 5  # of a step that are drawn
-OTHER = "#8A929B"
+TAKEN = (style.AFTER, 5.0, 8.0, "in the answer")
+NOT_TAKEN = ("#8A929B", 2.5, 6.0, "fitted there, not taken")
+"""Colour, width of the line, size of the dot and words of an option of a step."""
+
+
+def in_sequence(windows: Sequence[WindowPrediction]) -> tuple[Floats, dict[str, Floats]]:
+    """Times (n,), and `measured`, `before`, `after`, `inputs` by name, (n, k) each; NaN follows each window."""
+    t = np.concatenate([np.append(w.t, w.t[-1]) for w in windows])
+    rows = {k: [np.pad(getattr(w, k), ((0, 1), (0, 0)), constant_values=np.nan) for w in windows] for k in COLUMNS}
+    return t, {k: np.concatenate(own) for k, own in rows.items()}
 
 
 def overlay_figure(
-    windows: Sequence[WindowPrediction], states: Sequence[str], inputs: Sequence[str], document: Mapping[str, Any]
-) -> Any:
-    """Measured against predicted, then the residuals before and after, for every measured state; the inputs last.
+    windows: Sequence[WindowPrediction], names: Sequence[str], units: Mapping[str, str],
+    noise: Mapping[str, float] | None = None, inputs: Sequence[str] = (),
+) -> Any:  # fmt: skip
+    """Measured against predicted for every name; residuals before and after where a noise is known; the inputs last.
 
     Args:
         windows: of one trace, in order; predictions start anew with each.
-        states, inputs: names of their columns; document: of the diagnosis, for units and noise.
+        names: of the columns; units: by name; noise: name -> standard deviation; inputs: names of their columns.
     """
-    import matplotlib.pyplot as plt
-
-    units, sigma = document["units"], [document["noise"][s] for s in states]
-    whole = all(w.held_out for w in windows)
-    t = np.concatenate([np.append(w.t, w.t[-1]) for w in windows])
-    measured, before, after, u = (
-        np.concatenate([np.pad(getattr(w, k), ((0, 1), (0, 0)), constant_values=np.nan) for w in windows])
-        for k in ("measured", "before", "after", "inputs")
-    )
-    rows = 3 * len(states) + (1 if inputs else 0)
-    heights = [2.4, 1.1, 1.1] * len(states) + ([1.2] if inputs else [])
-    figure, axes = plt.subplots(
-        rows, 1, sharex=True, figsize=(style.WIDTH, sum(heights) + 0.6), height_ratios=heights, squeeze=False
-    )
+    t, curves = in_sequence(windows)
     pick = np.arange(0, t.size, max(1, t.size // MOST_POINTS))
-    for k, name in enumerate(states):
-        top, first, second = axes[3 * k : 3 * k + 3, 0]
-        top.plot(t[pick], measured[pick, k], color=style.MEASURED, lw=3.2, alpha=0.35, label="measured")
-        top.plot(t[pick], before[pick, k], color=style.BEFORE, ls=(0, (5, 2)), label="before")
-        top.plot(t[pick], after[pick, k], color=style.AFTER, lw=1.3, label="after")
+    whole, each = all(w.held_out for w in windows), [2.4, 1.1, 1.1] if noise else [1.5]
+    heights = each * len(names) + ([1.2] if inputs else [])
+    figure, axes = style.panels(len(heights), 1, sum(heights) + 0.6, sharex=True, height_ratios=heights)
+    for k, name in enumerate(names):
+        top, *low = axes[len(each) * k : len(each) * (k + 1), 0]
+        for word, look in LOOKS.items():
+            top.plot(t[pick], curves[word][pick, k], label=word, **look)
         top.set_ylabel(axis_label(name, units))
-        sides = ((first, before, style.BEFORE, (0, (5, 2)), "before"), (second, after, style.AFTER, "-", "after"))
-        for low, predicted, colour, dash, word in sides:  # each on its own scale, or the noise could not be seen
-            low.axhspan(-2 * sigma[k], 2 * sigma[k], color=style.FLOOR, alpha=0.45, lw=0, label="noise, ±2σ")
-            low.plot(t[pick], (measured - predicted)[pick, k], color=colour, ls=dash, lw=1.3)
-            low.set_ylabel(f"residual\n{word} ({pretty_unit(units[name])})")
+        for axis, word in zip(low, ("before", "after"), strict=False):  # each on its own scale, or no noise were seen
+            wide = 2 * (noise or {})[name]
+            axis.axhspan(-wide, wide, color=style.FLOOR, alpha=0.45, lw=0, label="noise, ±2σ")
+            axis.plot(t[pick], (curves["measured"] - curves[word])[pick, k], **LOOKS[word] | {"lw": 1.3})
+            axis.set_ylabel(f"residual\n{word} ({pretty_unit(units[name])})")
     if inputs:
-        colours = (style.GREEN, style.PURPLE, style.ORANGE, style.SKY)
+        own = axes[-1, 0]
         for j, name in enumerate(inputs):
-            axes[-1, 0].step(t[pick], u[pick, j], where="post", lw=1.2, color=colours[j % 4], label=name)
-        axes[-1, 0].set_ylabel(axis_label(inputs[0], units) if len(inputs) == 1 else "inputs")
-        if len(inputs) > 1:
-            axes[-1, 0].legend(loc="upper right", ncols=4)
+            own.step(t[pick], curves["inputs"][pick, j], where="post", lw=1.2, color=INPUTS[j % 4], label=name)
+        own.set_ylabel(axis_label(inputs[0], units) if len(inputs) == 1 else "inputs")
     for axis in axes[:, 0]:
         for w in () if whole else (w for w in windows if w.held_out):
             axis.axvspan(w.t[0], w.t[-1], color=style.YELLOW, alpha=0.25, lw=0, label="never fitted")
     axes[0, 0].set_title(f"{windows[0].trace}: " + ("never fitted" if whole else "shaded windows were never fitted"))
     axes[-1, 0].set_xlabel("time (s)")
     figure.align_ylabels()
-    entries = [axis.get_legend_handles_labels() for axis in axes[:3, 0]]
-    named = {label: handle for handles, labels in entries for handle, label in zip(handles, labels, strict=True)}
-    style.legend(figure, named, 5)
+    style.legend(figure)
     return figure
 
 
 def missing_figure(m: Missing) -> Any:
     """The missing term against each regressor, under the nominal and under the corrected model."""
-    import matplotlib.pyplot as plt
-
     names = list(m.before)[:3]
-    figure, axes = plt.subplots(1, len(names), sharey=True, figsize=(style.WIDTH, 3.5), squeeze=False)
+    figure, axes = style.panels(1, len(names), 3.5, sharey=True)
     for axis, name in zip(axes[0], names, strict=True):
         _errorbars(axis, m.before[name], style.BEFORE, "s", "before")
         _errorbars(axis, m.after[name], style.AFTER, "o", "after")
         axis.axhline(0.0, color="#55595F", lw=1.0)
         axis.set_xlabel(axis_label(name, m.units))
     axes[0, 0].set_ylabel(f"missing {_folded(m.label)}\n({pretty_unit(m.unit)})")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=2)
+    style.legend(figure)
     return figure
 
 
@@ -110,21 +111,17 @@ def steps_figure(steps: Sequence[Mapping[str, Any]]) -> Any:
     Args:
         steps: each with `chi2_dof` before it and its `options`, what was taken first; the last step takes none.
     """
-    import matplotlib.pyplot as plt
-    from matplotlib.lines import Line2D
-
     rows = [row for k, step in enumerate(steps) for row in _rows_of(k, step)]
-    figure, (axis, numbers) = plt.subplots(
-        1, 2, sharey=True, width_ratios=(2.6, 1.0), figsize=(style.WIDTH, 1.5 + 0.34 * max(len(rows), 3))
-    )
+    height = 1.5 + 0.34 * max(len(rows), 3)
+    figure, ((axis, numbers),) = style.panels(1, 2, height, sharey=True, width_ratios=(2.6, 1.0))
     numbers.set_axis_off()
     for y, (_, before, option) in enumerate(rows):
         if option is None:
             continue
-        colour, width, size = (style.AFTER, 5.0, 8.0) if option["taken"] else (OTHER, 2.5, 6.0)
+        colour, width, size, kind = TAKEN if option["taken"] else NOT_TAKEN
         ends = [max(float(x), NO_LESS) for x in (before, option["chi2_dof"])]
         axis.plot(ends, [y, y], color=colour, lw=width, solid_capstyle="butt", zorder=2)
-        axis.plot(ends[1], y, "o", color=colour, ms=size, zorder=3)
+        axis.plot(ends[1], y, "o", color=colour, ms=size, zorder=3, label=kind)
         for x, said in ((0.38, number(option["chi2_dof"])), (1.0, _gain(float(option["bic_gain"])))):
             numbers.text(x, y, said, va="center", ha="right", fontsize=11)
     for x, head in ((0.38, "left"), (1.0, "BIC gain")):
@@ -139,8 +136,7 @@ def steps_figure(steps: Sequence[Mapping[str, Any]]) -> Any:
     axis.axvline(1.0, color="#55595F", lw=1.4, ls=(0, (4, 2)))
     axis.set_xlabel("remaining chi²/dof (log); 1 is the noise (dashed)")
     axis.grid(axis="y", visible=False)
-    kinds = (("in the answer", style.AFTER, 5.0), ("fitted there, not taken", OTHER, 2.5))
-    style.legend(figure, {label: Line2D([], [], color=c, lw=w, marker="o") for label, c, w in kinds}, 2)
+    style.legend(figure)
     return figure
 
 
@@ -154,10 +150,8 @@ def _rows_of(k: int, step: Mapping[str, Any]) -> list[tuple[str, float, Mapping[
 
 def error_figure(error: Mapping[str, Any], units: Mapping[str, str]) -> Any:
     """Error h seconds ahead on held-out data: before, after and the floor of a perfect model, one panel a state."""
-    import matplotlib.pyplot as plt
-
     states = list(error["before"]["horizon_rmse"])
-    figure, axes = plt.subplots(1, len(states), figsize=(style.WIDTH, 3.2), squeeze=False)
+    figure, axes = style.panels(1, len(states), 3.2)
     rows = (
         ("noise_floor", style.FLOOR, "expected\nnoise floor"),
         ("after", style.AFTER, "after"),
@@ -172,4 +166,20 @@ def error_figure(error: Mapping[str, Any], units: Mapping[str, str]) -> Any:
         axis.set_xlabel(f"RMS error {error['before']['horizon_s']:g} s ahead, {axis_label(state, units)}")
         axis.margins(x=0.18)
         axis.grid(axis="y", visible=False)
+    return figure
+
+
+def torque_error_figure(
+    before: Mapping[str, float], after: Mapping[str, float], inputs: Sequence[str], units: Mapping[str, str]
+) -> Any:
+    """RMS error of the torque of each joint of an arm on *confirm*, before and after."""
+    figure, ((axis,),) = style.panels(1, 1, 3.2)
+    place = np.arange(len(inputs))
+    for shift, rms, colour, label in ((-0.2, before, style.BEFORE, "before"), (0.2, after, style.AFTER, "after")):
+        bars = axis.bar(place + shift, [rms[name] for name in inputs], 0.38, color=colour, label=label)
+        axis.bar_label(bars, fmt="%.2g", fontsize=10)
+    axis.set_xticks(place, [axis_label(name, units) for name in inputs])
+    axis.set_ylabel("RMS error")
+    axis.grid(axis="x", visible=False)
+    style.legend(figure)
     return figure

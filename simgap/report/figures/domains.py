@@ -32,10 +32,8 @@ def domains_figure(
         units: of the states; surroundings: draws the specification on axes.
         violated: what the cross at the end of a run says.
     """
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(1, 2, figsize=(style.WIDTH, 4.0), sharex=True, sharey=True)
-    for axis, kind in zip(axes, (NOMINAL, GAP_AWARE), strict=True):
+    figure, ((left, right),) = style.panels(1, 2, 4.0, sharex=True, sharey=True)
+    for axis, kind in ((left, NOMINAL), (right, GAP_AWARE)):
         controller = controllers[kind]
         _region(axis, controller, _PALE[kind])
         if surroundings is not None:
@@ -44,11 +42,11 @@ def domains_figure(
         _outline(axis, controllers[other], COLOURS[other])
         for trace in traces:
             if trace.controller == kind and trace.plant == SIMULATOR:
-                _run(axis, trace, COLOURS[kind])
+                _run(axis, trace, COLOURS[kind], violated)
         axis.set_title(f"{TITLES[kind]}: {100.0 * controller.solution.fraction:.1f} % of the cells")
         axis.set_xlabel(axis_label(controller.states[0], units))
-    axes[0].set_ylabel(axis_label(controllers[GAP_AWARE].states[1], units))
-    _legend(figure, bool(traces), violated)
+    left.set_ylabel(axis_label(controllers[GAP_AWARE].states[1], units))
+    style.legend(figure)
     return figure
 
 
@@ -57,6 +55,7 @@ def _region(axis: Any, controller: Controller, colour: str) -> None:
 
     winning = controller.solution.winning.reshape(controller.grid.cells)
     cell_map(axis, controller.grid, np.ma.masked_equal(winning, False), cmap=ListedColormap([colour]))
+    axis.fill([], [], color=colour, label="winning domain")  # a map has no place in a legend
 
 
 def _outline(axis: Any, controller: Controller, colour: str) -> None:
@@ -65,27 +64,15 @@ def _outline(axis: Any, controller: Controller, colour: str) -> None:
     centres = [grid.box.lo[j] + grid.h[j] * (2.0 * np.arange(-1, grid.cells[j] + 1) + 1.0) for j in (0, 1)]
     if winning.any():
         axis.contour(*centres, winning, levels=[0.5], colors=[colour], linewidths=1.4, linestyles="--")
+    axis.plot([], [], color=colour, ls="--", lw=1.4, label="outline of the other domain")  # nor has a contour
 
 
-def _run(axis: Any, trace: Trace, colour: str) -> None:
-    axis.plot(trace.x[:, 0], trace.x[:, 1], color=colour, lw=1.2)
-    axis.plot(*trace.x[0, :2], "o", color=colour, ms=6, mec="white", mew=0.8)
+def _run(axis: Any, trace: Trace, colour: str, violated: str) -> None:
+    begin = {"marker": "o", "markevery": [0], "ms": 6, "mec": "white", "mew": 0.8}
+    axis.plot(trace.x[:, 0], trace.x[:, 1], color=colour, lw=1.2, label="run in the simulator", **begin)
     if trace.violates:
-        axis.plot(*trace.x[-1, :2], "X", color=style.BLACK, ms=10, mec="white", mew=1.0, clip_on=False, zorder=5)
-
-
-def _legend(figure: Any, runs: bool, violated: str) -> None:
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
-    named = {
-        "winning domain": Patch(color="#C9CDD2"),
-        "outline of the other domain": Line2D([], [], color=style.GREY, ls="--"),
-    }
-    if runs:
-        named["run in the simulator"] = Line2D([], [], color=style.GREY, marker="o", mec="white", ms=7)
-        named[violated] = Line2D([], [], color=style.BLACK, marker="X", ls="", mec="white", ms=10)
-    style.legend(figure, named, 4)
+        cross = {"color": style.BLACK, "ms": 10, "mec": "white", "mew": 1.0, "clip_on": False, "zorder": 5}
+        axis.plot(*trace.x[-1, :2], "X", label=violated, **cross)
 
 
 def slices_figure(

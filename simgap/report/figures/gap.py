@@ -37,11 +37,8 @@ def bound_figure(gap: GapFunction, x: Floats, u: Floats, d: Floats, units: Mappi
     The samples are `x` (n, nx), `u` (n, nu) and `d` (n, nx). Above are those of the input at the middle of U, with the
     hull of the bounds at them, whatever their other states are; below are the samples of all inputs.
     """
-    import matplotlib.pyplot as plt
-
     states, at = gap.domain.states, middle_input(gap)
-    size, heights = (style.WIDTH, 4.8), [1.25, 1.0]
-    figure, axes = plt.subplots(2, len(states), figsize=size, squeeze=False, sharex="col", height_ratios=heights)
+    figure, axes = style.panels(2, len(states), 4.8, sharex="col", height_ratios=[1.25, 1.0])
     own = np.abs(u - at).max(axis=1) < 1e-9
     lo, hi = gap.bounds(x, u)
     place = (d - 0.5 * (lo + hi)) / np.maximum(0.5 * (hi - lo), np.finfo(float).tiny)
@@ -56,14 +53,20 @@ def bound_figure(gap: GapFunction, x: Floats, u: Floats, d: Floats, units: Mappi
         above.scatter(x[own, j], factor * d[own, i], s=3, color=style.BLACK, lw=0)
         above.set_ylabel(f"gap of {states[i]} ({unit})")
         above.set_title(f"{states[i]} at {_at(gap, at, units)}", fontsize=11)
-        below.axhspan(-1, 1, color=style.SKY, alpha=0.5, lw=0, label="bound")
         below.scatter(x[:, j], place[:, i], s=1, color=style.BLACK, lw=0, label="samples", rasterized=True)
-        below.set_ylim(-1.25, 1.25)
-        below.set_yticks([-1, 0, 1], ["lower", "middle", "upper"])
         below.set_xlabel(axis_label(states[j], units))
-    axes[1, 0].set_ylabel("place in the bound")
-    figure.legend(*axes[1, 0].get_legend_handles_labels(), loc="outside upper left", ncols=2, markerscale=6)
+    places(axes[1])
+    style.legend(figure, markerscale=6)
     return figure
+
+
+def places(axes: Any) -> None:
+    """Make axes (n,) show places between a lower bound, -1, and an upper one, 1."""
+    for axis in axes:
+        axis.axhspan(-1, 1, color=style.SKY, alpha=0.4, lw=0, label="bound")
+        axis.set_ylim(-1.25, 1.25)
+        axis.set_yticks([-1, 0, 1], ["lower", "middle", "upper"])
+    axes[0].set_ylabel("place in the bound")
 
 
 def _at(gap: GapFunction, u: Floats, units: Mapping[str, str]) -> str:
@@ -113,13 +116,11 @@ def inputs_figure(gap: GapFunction, lo: Floats, hi: Floats, units: Mapping[str, 
         gap: names and inputs; lo, hi: bounds for each input, (M, nx).
         units: of states and inputs.
     """
-    import matplotlib.pyplot as plt
-
     states, inputs = gap.domain.states, gap.domain.input_set
     size = np.maximum(np.abs(lo), np.abs(hi))
     first, second = (np.unique(inputs[:, j].round(12)) for j in (0, 1))
     rows, columns = (np.searchsorted(axis, inputs[:, j].round(12)) for j, axis in enumerate((first, second)))
-    figure, axes = plt.subplots(1, len(states), figsize=(style.WIDTH, 3.7), squeeze=False, sharey=True)
+    figure, axes = style.panels(1, len(states), 3.7, sharey=True)
     for i, (axis, name) in enumerate(zip(axes[0], states, strict=True)):
         factor, unit = scaled(float(size[:, i].max()), units[name])
         table = np.full((len(first), len(second)), np.nan)
@@ -140,9 +141,7 @@ def sweep_figure(rows: Sequence[Mapping[str, Any]], states: Sequence[str], units
         rows: each {eps, states: {state: {size, width, sampled, printed (number or None)}}}, largest eps first.
         states: to show; units: of the states.
     """
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(1, len(states), figsize=(style.WIDTH, 3.4), squeeze=False)
+    figure, axes = style.panels(1, len(states), 3.4)
     eps = [r["eps"] for r in rows]
     looks = (
         ("printed", style.VERMILLION, "s", "printed in the paper"),
@@ -164,5 +163,5 @@ def sweep_figure(rows: Sequence[Mapping[str, Any]], states: Sequence[str], units
         axis.set_xlabel("eps, radius of the balls that cover X")
         axis.set_ylabel(f"{axis_label(state, units)}")
         axis.margins(0.15)
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=4, columnspacing=1.0)
+    style.legend(figure)
     return figure

@@ -26,10 +26,8 @@ def plane_figure(grid: Grid, factor: Floats, extra: Floats, states: Sequence[str
         grid: cells; factor: (cells,), extra: (cells, 2), not numbers where a cell does not win.
         states, units: names and units.
     """
-    import matplotlib.pyplot as plt
-
     titles = ["factor on gamma", *(f"added to {n} alone ({pretty_unit(units.get(n, ''))})" for n in states)]
-    figure, axes = plt.subplots(1, 3, figsize=(1.4 * style.WIDTH, 4.2), sharex=True, sharey=True)
+    figure, (axes,) = style.panels(1, 3, 4.2, 1.4 * style.WIDTH, sharex=True, sharey=True)
     most = (LARGEST_FACTOR, *(2.0 * grid.h * grid.cells).tolist())
     for axis, title, values, end in zip(axes, titles, (factor, *extra.T), most, strict=True):
         picture = _layer(axis, grid, values.reshape(grid.cells), _scale(values))

@@ -32,14 +32,12 @@ def problem_figure(
         names: of the states, of the inputs; units: by name.
         specified: draws the specification over two states on axes.
     """
-    import matplotlib.pyplot as plt
-
     states, drives = names
     pairs = [(j, j + 1) for j in range(0, len(states) - 1, 2)]
     alone = [len(states) - 1] if len(states) % 2 else []
     shown_inputs = 1 <= len(drives) <= 2
     widths = [3.0] * len(pairs) + [0.9] * len(alone) + [2.2 if len(drives) == 2 else 0.9] * shown_inputs
-    figure, axes = plt.subplots(1, len(widths), figsize=(style.WIDTH, 3.7), width_ratios=widths, squeeze=False)
+    figure, axes = style.panels(1, len(widths), 3.7, width_ratios=widths)
     panels = list(axes[0])
     for axis, pair in zip(panels, pairs, strict=False):
         _states(axis, box, pair, states, units)
@@ -51,7 +49,7 @@ def problem_figure(
     if shown_inputs:
         _inputs(panels[-1], inputs, drives, units)
         panels[-1].set_title("inputs")
-    _legend(figure, panels)
+    style.legend(figure)
     return figure
 
 
@@ -103,12 +101,3 @@ def _inputs(axis: Any, values: Floats, drives: Sequence[str], units: Mapping[str
         axis.plot(shown[:, 0], shown[:, 1], "o", color=style.PURPLE, ms=2.5, label="value of U")
         axis.set_xlabel(axis_label(drives[0], units))
         axis.set_ylabel(axis_label(drives[1], units))
-
-
-def _legend(figure: Any, panels: Sequence[Any]) -> None:
-    """Everything that has a name, once."""
-    named: dict[str, Any] = {}
-    for axis in panels:
-        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
-            named.setdefault(label, handle)
-    style.legend(figure, named, 5)

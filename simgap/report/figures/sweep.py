@@ -22,10 +22,8 @@ def figure(keys: Sequence[str], shown: Sequence[str], rows: Sequence[Mapping[str
     panels = [n for n in shown if _numeric(n, rows) and len({row[n] for row in rows}) > 1][:MOST_PANELS]
     if not 1 <= len(varied) <= 2 or not panels or not all(_numeric(k, rows) for k in varied):
         return None
-    import matplotlib.pyplot as plt
-
     with style.figure_style():
-        made, axes = plt.subplots(1, len(panels), figsize=(style.WIDTH * max(1.0, len(panels) / 2), 3.6), squeeze=False)
+        made, axes = style.panels(1, len(panels), 3.6, style.WIDTH * max(1.0, len(panels) / 2))
         for axis, name in zip(axes[0], panels, strict=True):
             axis.set_title(name)
             axis.set_xlabel(varied[0])
