@@ -66,7 +66,7 @@ def chosen(parts: Parts, ends: Searched, settings: DiagnosisSettings, not_tried:
     at_floor = chi2_dof(known, kept.fit) <= FIT_QUALITY
     agree, carried = True, None
     if found.members and not at_floor:
-        together = math.ceil((settings.horizon_s + 0.5 * settings.window_s) / settings.window_s)
+        together = math.ceil((settings.horizon_s + 0.5 * parts.window_s) / parts.window_s)
         most = min(settings.max_effects, settings.most_off_floor)
         try:
             if not search.watch.stopped:

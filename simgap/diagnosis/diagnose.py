@@ -149,7 +149,7 @@ def _sought(model: SymbolicModel, record: Record, settings: DiagnosisSettings, w
             ends = seek.searched(parts.known, most, not_tried, watch, before=before)
         wider = tiers.second(ends[0], ends[2], wide)
     wider = tiers.motors(*(wider or (parts, ends))[1][::2]) or wider
-    parts, ends = wider or (parts, ends)
+    parts, ends = seek.on_its_step(*(wider or (parts, ends)), most, not_tried)
     search, _, found = ends
     reach, late = parts.known.reach(found.fit.theta), parts.known.ahead(found.fit.theta)
     if late > 0.0 or reach > parts.known.reach(search.problem.model.null):  # commands outside the record are unknown

@@ -25,13 +25,15 @@ from simgap.diagnosis.simulation.gross_errors import usual_size
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.thresholds import BRIEF_S, FAR, FIT_QUALITY, LEAPS_ANYHOW, MATTERS, MOST
+from simgap.diagnosis.simulation.step_length import resolved_everywhere
+from simgap.diagnosis.thresholds import FAR, FIT_QUALITY, LEAPS_ANYHOW, MATTERS, MOST
 from simgap.diagnosis.verdict.faults import faint_memory, gross_spans
 
 Searched = tuple[Search, Fit, Explanation]
 """The search, the model as declared on it, and what explains it best."""
 
 Found = TypeVar("Found")
+_HALVINGS = 3  # of the integration step
 
 
 def looked_again(watch: Watch, look: Callable[[], Found | None]) -> Found | None:
@@ -82,6 +84,23 @@ def searched(
     except KeyboardInterrupt:
         watch.interrupted()
     return search, base, best_so_far(search, base, most)
+
+
+def on_its_step(parts: Parts, ends: Searched, most: int, not_tried: Collection[Key]) -> tuple[Parts, Searched]:
+    """The search again with half the integration step, until that suits an answer at the noise and what is part of it.
+
+    An effect that cuts the steps shorter, such as a delay, must not be needed for that alone.
+    """
+    for _ in range(_HALVINGS):
+        search, _, found = ends
+        inside = [found, *(e for e in search.tried.values() if e.members and e.keys < found.keys)]
+        if search.watch.stopped or not found.members or not search.reached(found):
+            break
+        if all(resolved_everywhere(search.problem, e.fit.theta, e.fit.x0) for e in inside):
+            break
+        parts = parts.changed(lambda p: replace(p, h_max=p.h_max / 2))
+        ends = searched(parts.known, most, not_tried, search.watch)
+    return parts, ends
 
 
 def acts_later(search: Search, found: Explanation) -> bool:
@@ -139,7 +158,8 @@ def under_its_law(
         return parts.with_gross_errors(last, spans), (search, start, found)
     if looked_again(plain.watch, lambda: _is_explained(plain, found)):
         return None
-    around = tuple((k, a - 0.25 * BRIEF_S, b + 0.25 * BRIEF_S) for k, a, b in spans)
+    aside = 0.25 * problem.brief
+    around = tuple((k, a - aside, b + aside) for k, a, b in spans)
     kept = parts.leaving_out(around).with_gross_errors(last, ())
     return kept, searched(kept.known, most, not_tried, search.watch, (found, chi2_dof(problem, found.fit)))
 

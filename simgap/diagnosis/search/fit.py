@@ -12,9 +12,15 @@ from simgap.arrays import Floats
 from simgap.diagnosis.record.folds import Windows
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.simulation.refit import Refit, refit, refit_from_all, window_chi2
+from simgap.diagnosis.simulation.refit import (
+    Refit,
+    begun_afresh,
+    refit,
+    refit_from_all,
+    stand_out,
+    window_chi2,
+)
 from simgap.diagnosis.simulation.sensitivity import Linearised, inverted, linearise, scaled, slot_direction
-from simgap.diagnosis.thresholds import NEAR
 
 EQUIVALENT_CHI2 = 1.0
 """Two fits whose chi^2 differ by less predict the same: an exact equivalence if their sensitivities span the same, and
@@ -189,18 +195,11 @@ def _follow(problem: Problem, at: _Point, linear: Linearised, theta: Floats, ste
 
 def _begun_afresh(problem: Problem, at: _Point, promise: Floats) -> _Point:
     """Windows whose chi^2 stands out, or under dry friction still promise, are refitted from several starts."""
-    size = at.chi2 / problem.counts
-    out = size > np.median(size) * (1.0 + NEAR * np.sqrt(2.0 / problem.counts))
+    out = stand_out(problem, at.chi2)
     if problem.model.rubs(at.theta):
-        out |= promise > EQUIVALENT_CHI2 * np.maximum(1.0, size)
-    lost = np.flatnonzero(out)
-    if not lost.size:
-        return at
-    ends = refit_from_all(problem.on(problem.windows.pick(lost)), at.theta, at.x0[lost])
-    x0, chi2 = at.x0.copy(), at.chi2.copy()
-    won = ends.chi2 < chi2[lost]
-    x0[lost[won]], chi2[lost[won]] = ends.x0[won], ends.chi2[won]
-    return _Point(at.theta, x0, chi2)
+        out |= promise > EQUIVALENT_CHI2 * np.maximum(1.0, at.chi2 / problem.counts)
+    ends = begun_afresh(problem, at.theta, Refit(at.x0, at.chi2, promise), out)
+    return _Point(at.theta, ends.x0, ends.chi2)
 
 
 def _all_settled(ends: Refit, problem: Problem) -> bool:

@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 from simgap.arrays import Floats
 from simgap.diagnosis.record.folds import Span, cut_at, cut_in_folds, left_out, needed_ahead
 from simgap.diagnosis.record.noise import worth
-from simgap.diagnosis.record.record import Record
+from simgap.diagnosis.record.record import MIN_SAMPLES, Record
 from simgap.diagnosis.result import DiagnosisSettings
+from simgap.diagnosis.simulation.initial import GROWTH, runs_away
 from simgap.diagnosis.simulation.problem import Problem, build_problem
 from simgap.diagnosis.simulation.step_length import settled
 from simgap.diagnosis.simulation.supermodel import cached_supermodel
@@ -26,6 +27,7 @@ class Parts:
         known: the windows of `fit` and of `choose`, which the search sees.
         fit, choose: effects fitted to the one are judged on the other, where sets of them compete.
         confirm: windows that are judged once, at the end.
+        window_s: length of the windows, s.
         left_out: times that were cut out of the others, where gross errors follow one another.
     """
 
@@ -33,6 +35,7 @@ class Parts:
     fit: Problem
     choose: Problem
     confirm: Problem
+    window_s: float
     left_out: tuple[Span, ...] = ()
 
     def past_the_unknown(self, reach_s: float) -> Parts:
@@ -63,12 +66,16 @@ class Parts:
     def changed(self, change: Callable[[Problem], Problem]) -> Parts:
         """Each of the problems, changed."""
         known, fit, choose, confirm = (change(p) for p in (self.known, self.fit, self.choose, self.confirm))
-        return Parts(known, fit, choose, confirm, self.left_out)
+        return replace(self, known=known, fit=fit, choose=choose, confirm=confirm)
 
 
 _SHORT = (
     "The record is short: windows of {:.3g} s instead of {:g} s, so that fit, choose and confirm have some each; "
     "a longer one says more."
+)
+_RUNS_AWAY = (
+    "Windows of {:.3g} s instead of {:g} s: in a longer one the model multiplies an error of its start by more than "
+    "{:.0f}, so that no start can be fitted."
 )
 _NO_COORDINATES = (
     "The equations declare no coordinates: friction, springs and other forces on the motion are not sought. Name the "
@@ -97,10 +104,15 @@ def parts_of(
     traces, share = settings.held_out_traces, settings.held_out_share
     windows, folds, length = cut_in_folds(record, settings.window_s, traces, share, ahead)
     said = (_SHORT.format(length, settings.window_s),) if length < settings.window_s else ()
+    every = build_problem(compiled, record, windows, sigma, readings.weight)
+    while runs_away(every) and windows.samples > 4 * MIN_SAMPLES * len(windows):
+        windows, folds, length = cut_in_folds(record, length / 2, traces, share, ahead)
+        every = build_problem(compiled, record, windows, sigma, readings.weight)
+        said = (_RUNS_AWAY.format(length, settings.window_s, GROWTH**2),)
+    every = settled(every)
     if model.wheels is None and not model.coordinates:
         said = (*said, _NO_COORDINATES)
-    every = settled(build_problem(compiled, record, windows, sigma, readings.weight))
     known = folds.fit | folds.choose
     fit, choose, confirm = (every.on(windows.pick(mask)) for mask in (folds.fit, folds.choose, folds.confirm))
-    parts = Parts(every.on(windows.pick(known)), fit, choose, confirm)
+    parts = Parts(every.on(windows.pick(known)), fit, choose, confirm, length)
     return parts.past_the_unknown(every.reach(compiled.null)), said  # reach of delays that the model declares

@@ -20,6 +20,7 @@ from simgap.diagnosis.simulation.past import measured_link, measured_speeds, mem
 from simgap.diagnosis.simulation.simulate import simulate
 from simgap.diagnosis.simulation.supermodel import SuperModel
 from simgap.diagnosis.simulation.trains import twists, twists_by_torque
+from simgap.diagnosis.thresholds import BRIEF_S
 from simgap.late import njit
 
 T = TypeVar("T")
@@ -121,6 +122,12 @@ class Problem:
         """So many windows spread over all, and which they are."""
         few = np.unique(np.linspace(0, len(self.windows) - 1, count).astype(np.int64))
         return self.on(self.windows.pick(few)), few
+
+    @property
+    def brief(self) -> float:
+        """So short a time (s) that it hardly shows what a plant lacks all the time: `BRIEF_S`, or a window."""
+        w = self.windows
+        return min(BRIEF_S, float(np.max(self.t[w.stop - 1] - self.t[w.start])))
 
     @property
     def size(self) -> int:

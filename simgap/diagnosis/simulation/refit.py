@@ -12,13 +12,16 @@ from functools import partial
 
 import numpy as np
 
-from simgap.arrays import Floats, Ints
+from simgap.arrays import Bools, Floats, Ints
+from simgap.diagnosis.record.record import MIN_SAMPLES
 from simgap.diagnosis.simulation.gross_errors import are_gross
 from simgap.diagnosis.simulation.initial import at_rest, initial_states
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import chunks, state_columns, state_steps
+from simgap.diagnosis.thresholds import NEAR
 
 _MOST = 20  # linearisations
+_GROWING = (0.25, 0.5)  # shares of a window that is begun afresh, before all of it
 _LADDER = (1000.0, 100.0, 10.0)  # sizes of a miss that count as usual, over what is
 _SOFTEST, _SOFT, _STIFF = 1e-10, 1e-6, 1e6  # damping of a step: least, first, and where a window gives up
 
@@ -48,20 +51,49 @@ def refit(problem: Problem, theta: Floats, x0: Floats, most: int = _MOST) -> Ref
 
 
 def refit_from_all(problem: Problem, theta: Floats, x0: Floats) -> Refit:
-    """The best end of each window: from x0 (w, nx), from the data's own guess, under dry friction also from rest.
+    """The best end of each window: from x0 (w, nx); under dry friction, and those that stand out, from all starts."""
+    if problem.model.rubs(theta):
+        return _from_starts(problem, theta, x0)
+    best = _from_here(problem, theta, x0)
+    return begun_afresh(problem, theta, best, stand_out(problem, best.chi2))
 
-    A window that begins stuck has a valley at rest.
-    Where misses may be gross errors all of them are at a bad start: there what counts as usual shrinks step by step.
+
+def stand_out(problem: Problem, chi2: Floats) -> Bools:
+    """Windows (w,) whose chi^2 stands out of the others' by more than white noise does."""
+    size = chi2 / problem.counts
+    return np.asarray(size > np.median(size) * (1.0 + NEAR * np.sqrt(2.0 / problem.counts)))
+
+
+def begun_afresh(problem: Problem, theta: Floats, best: Refit, which: Bools) -> Refit:
+    """The same, some windows from all starts."""
+    lost = np.flatnonzero(which)
+    if not lost.size:
+        return best
+    return _better_at(lost, best, _from_starts(_pick(problem, lost), theta, best.x0[lost]))
+
+
+def _from_starts(problem: Problem, theta: Floats, x0: Floats) -> Refit:
+    """From x0, and from the data's guess: fitted to a quarter of the window, to its half, then to all of it.
+
+    Under dry friction from the guess as it is, and from rest: a window that begins stuck has a valley there.
     """
-    best = refit(problem, theta, x0)
-    if problem.usual is not None:
-        best = _from_afar(problem, theta, x0, best)
-    guess = initial_states(problem)
-    rests = (at_rest(problem, guess),) if problem.model.rubs(theta) else ()
-    for start in (guess, *rests):
-        if not np.array_equal(start, x0):
+    best, guess = _from_here(problem, theta, x0), initial_states(problem)
+    if problem.model.rubs(theta):
+        for start in (guess, at_rest(problem, guess)):
             best = better(best, refit(problem, theta, start))
-    return best
+        return best
+    begin, stop = problem.windows.start, problem.windows.stop
+    for share in _GROWING:
+        last = np.minimum(begin + np.maximum(np.ceil(share * (stop - begin)).astype(np.int64), MIN_SAMPLES), stop)
+        guess = refit(problem.on(replace(problem.windows, stop=last)), theta, guess).x0
+    return better(best, refit(problem, theta, guess))
+
+
+def _from_here(problem: Problem, theta: Floats, x0: Floats) -> Refit:
+    """From x0. Where misses may be gross errors all of them are at a bad start: there what counts as usual shrinks step
+    by step."""
+    best = refit(problem, theta, x0)
+    return best if problem.usual is None else _from_afar(problem, theta, x0, best)
 
 
 def _from_afar(problem: Problem, theta: Floats, x0: Floats, best: Refit) -> Refit:
@@ -74,9 +106,13 @@ def _from_afar(problem: Problem, theta: Floats, x0: Floats, best: Refit) -> Refi
     at = refit(replace(part, usual=None), theta, x0[bad]).x0
     for times in _LADDER:
         at = refit(replace(part, usual=times * part.spread * part.sigma), theta, at).x0
-    ends = refit(part, theta, at)
+    return _better_at(bad, best, refit(part, theta, at))
+
+
+def _better_at(which: Ints, best: Refit, ends: Refit) -> Refit:
+    """The same with the ends of some windows that have a smaller chi^2."""
     x0, chi2, promise = best.x0.copy(), best.chi2.copy(), best.promise.copy()
-    x0[bad], chi2[bad], promise[bad] = ends.x0, ends.chi2, ends.promise
+    x0[which], chi2[which], promise[which] = ends.x0, ends.chi2, ends.promise
     return better(best, Refit(x0, chi2, promise))
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
+from simgap.diagnosis.simulation.refit import window_chi2
 from simgap.diagnosis.thresholds import MATTERS
 
 _SHARE = 0.01  # of the noise
@@ -25,6 +26,15 @@ def resolved(problem: Problem, theta: Floats, x0: Floats) -> bool:
     coarse, fine = (replace(part, h_max=h).residuals(theta, x0[few]) for h in (problem.h_max, problem.h_max / 2))
     moved = float(np.sqrt(np.mean(np.square(coarse - fine))))
     return moved <= MATTERS * max(1.0, float(np.sqrt(np.mean(np.square(coarse)))))
+
+
+def resolved_everywhere(problem: Problem, theta: Floats, x0: Floats) -> bool:
+    """Whether half the step moves the predictions of no window by more than a tenth of what it misses, or of the noise.
+
+    A reactor that runs away in one window of forty is stiff there alone.
+    """
+    at, half = (window_chi2(replace(problem, h_max=h), theta, x0) for h in (problem.h_max, problem.h_max / 2))
+    return bool(np.all(np.abs(half - at) <= 2.0 * MATTERS * np.maximum(at, problem.counts)))
 
 
 def settled(problem: Problem) -> Problem:

@@ -14,7 +14,7 @@ from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.gross_errors import are_gross
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.thresholds import BRIEF_S, MOST, SEVERAL
+from simgap.diagnosis.thresholds import MOST, SEVERAL
 from simgap.notation import joined
 
 
@@ -26,7 +26,7 @@ def gross_spans(known: Problem, at: Fit) -> tuple[Span, ...]:
     t, trace = known.t[known.samples][gross], np.repeat(known.windows.trace, np.diff(known.rows))[gross]
     order = np.lexsort((t, trace))
     t, trace = t[order], trace[order]
-    breaks = np.flatnonzero((np.diff(trace) != 0) | (np.diff(t) > 0.5 * BRIEF_S)) + 1
+    breaks = np.flatnonzero((np.diff(trace) != 0) | (np.diff(t) > 0.5 * known.brief)) + 1
     groups = zip(np.split(trace, breaks), np.split(t, breaks), strict=True)
     return tuple((int(own[0]), float(at[0]), float(at[-1])) for own, at in groups if len(at) >= SEVERAL)
 
@@ -35,7 +35,9 @@ def push_faults(spans: Sequence[Span], known: Problem, names: Sequence[str]) -> 
     """What weighed nothing in a fit to the known windows, in words."""
     if not spans:
         return ()
-    places, lasts = [f"{a:.2f} to {b:.2f} s of {names[k]}" for k, a, b in spans], sum(b - a for _, a, b in spans)
+    first, last = known.t[known.firsts], known.t[np.append(known.firsts[1:], len(known.t)) - 1]
+    spans = [(k, max(a, float(first[k])), min(b, float(last[k]))) for k, a, b in spans]
+    places, lasts = [f"{a:.4g} to {b:.4g} s of {names[k]}" for k, a, b in spans], sum(b - a for _, a, b in spans)
     kept = float(np.sum(known.t[known.windows.stop - 1] - known.t[known.windows.start]))
     where = joined(places if len(places) <= 3 else [*places[:3], f"{len(places) - 3} more"])
     sentence = (

@@ -12,7 +12,6 @@ from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem, interval
 from simgap.diagnosis.simulation.sensitivity import state_steps
-from simgap.diagnosis.thresholds import BRIEF_S
 
 _LATER = 0.1  # of the horizon, by which a prediction may end later where a channel is read more seldom
 
@@ -36,7 +35,7 @@ class HorizonError:
 def horizon_error(problem: Problem, theta: Floats, horizon: float) -> HorizonError | None:
     """Predict `horizon` seconds ahead at theta (q,) from many instants of the problem's windows.
 
-    At each instant the state is estimated from the samples of the last `BRIEF_S` seconds alone (at least
+    At each instant the state is estimated from the samples of the last `Problem.brief` seconds alone (at least
     `LOOK_BACK_SAMPLES`), then the model runs on the recorded input; E is the RMS error at the end. F adds to the noise
     of the sample at the end what the noise of the look-back does to the state estimate, by the model's linearisation.
     Returns None if no stretch is long enough.
@@ -55,9 +54,7 @@ def horizon_error(problem: Problem, theta: Floats, horizon: float) -> HorizonErr
 
 def look_back(problem: Problem) -> float:
     """From how long before a prediction its state is estimated, s: no longer than a window, at least some samples."""
-    w = problem.windows
-    window = float(np.max(problem.t[w.stop - 1] - problem.t[w.start]))
-    return max(min(BRIEF_S, window), LOOK_BACK_SAMPLES * interval(problem.t))
+    return max(problem.brief, LOOK_BACK_SAMPLES * interval(problem.t))
 
 
 def _instants(problem: Problem, horizon: float) -> tuple[Ints, Ints, Ints]:
