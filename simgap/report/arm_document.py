@@ -15,7 +15,7 @@ from simgap.diagnosis.record.survey import Survey
 from simgap.diagnosis.record.traces import Reading
 from simgap.diagnosis.verdict import words
 from simgap.effects import effect
-from simgap.effects.quoted import Quoted
+from simgap.effects.base import Quoted
 from simgap.io import figure_style as style
 from simgap.io.pages import render, script_data
 from simgap.model.tree import Tree

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from simgap.diagnosis.search.confidence import undetermined
-from simgap.effects.coulomb_friction import CoulombFriction
-from simgap.effects.stribeck_friction import StribeckFriction
+from simgap.effects.friction import CoulombFriction, StribeckFriction
 
 
 @pytest.mark.parametrize(("width", "error", "loose"), [(0.05, 0.04, True), (0.05, 0.01, False)])

@@ -1,14 +1,64 @@
-"""Wheels that turn slower than they are told, because their motors give way to what the floor and a caster resist."""
+"""Effects on a planar robot with two driven wheels: unequal wheels, lateral slip, rolling resistance."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
-from simgap.effects.base import PLANT, EffectParameter, WheelEffect, both_sides, rim_speeds
-from simgap.effects.start import Scales, Start, multiple
+from simgap.effects.base import (
+    PLANT,
+    EffectParameter,
+    Scales,
+    Start,
+    Values,
+    WheeledTarget,
+    WheelEffect,
+    both_sides,
+    multiple,
+    rim_speeds,
+)
 from simgap.late import sympy as sp
-from simgap.model.symbolic import SymbolicModel
+from simgap.model.symbolic import SymbolicModel, symbol
+
+
+class WheelMismatch(WheelEffect):
+    """The right wheel of a differential drive is larger or smaller than declared, the left one is as declared."""
+
+    name = "wheel_mismatch"
+    short = "unequal wheels"
+    long = "a right wheel whose radius is {ratio:off} the declared one"
+    formula = "v' = (r (v + w L/2) + (v - w L/2))/2, w' = (r (v + w L/2) - (v - w L/2))/L, L the track, r the ratio"
+    source = "Borenstein, Feng (1996), IEEE Trans. Robotics and Automation 12(6), unequal wheel diameters"
+    rank = PLANT + 20
+    parameters = (EffectParameter("ratio", "1", "true over declared radius of the right wheel", null=1.0, lower=0.0),)
+
+    def turned(self, left: Any, right: Any, values: Mapping[str, Any]) -> tuple[Any, Any]:
+        """The right wheel alone."""
+        return left, values["ratio"] * right
+
+
+class LateralSlip(WheeledTarget):
+    """The robot drifts to its left by a share of the way it goes forward (the tangent of its side-slip angle)."""
+
+    name = "lateral_slip"
+    short = "sideways slip"
+    long = "sideways slip of {ratio:%} of the speed"
+    formula = "x' += -ratio v sin(heading), y' += ratio v cos(heading)"
+    source = "Wang, Low (2008), IEEE Trans. Robotics 24(3), skidding and slipping of wheeled robots"
+    rank = PLANT + 30
+    parameters = (EffectParameter("ratio", "1", "sideways over forward speed (0 = no slip)", null=0.0),)
+
+    def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
+        """Add the sideways velocity."""
+        if model.wheels is None:
+            return model
+        wheels, names = model.wheels, model.state_names
+        sideways, heading = values["ratio"] * symbol(wheels.linear), symbol(wheels.heading)
+        xdot = list(model.xdot)
+        xdot[names.index(wheels.x)] += -sideways * sp.sin(heading)
+        xdot[names.index(wheels.y)] += sideways * sp.cos(heading)
+        return replace(model, xdot=tuple(xdot))
 
 
 class RollingResistance(WheelEffect):
