@@ -286,7 +286,7 @@ MUTANTS: list[Mutant] = [
         ("obstacles do not grow", "cells_meeting(grid, grown(box, keep))", "cells_meeting(grid, box)"),
     ),
     *_of(
-        "specifications/regions.py",
+        "specifications/space.py",
         KERNELS,
         ("cells that stick out lie within", "(low >= lo) & (high <= hi)", "(low >= lo) & (low <= hi)"),
         ("cells that are met by a part are free", "(high > lo) & (low < hi)", "(low > lo) & (low < hi)"),
@@ -343,7 +343,7 @@ MUTANTS: list[Mutant] = [
         ("paths between recorded poses are not added", " + robot.between_poses)", ")"),
     ),
     *_of(
-        "gap/memory/fit.py",
+        "gap/memory/bound.py",
         BOUNDS,
         (
             "sequences below the hull do not count",
@@ -396,7 +396,7 @@ MUTANTS: list[Mutant] = [
         ("the change of slope is left out", "(first + turns(step, j, slab.grid, axes)) / (2.0", "first / (2.0"),
     ),
     *_of(
-        "gap/lipschitz/stencils.py",
+        "gap/lipschitz/grid.py",
         BOUNDS,
         ("slopes look ahead alone", "return np.maximum(np.abs(forward), np.abs(backward))", "return np.abs(forward)"),
     ),
@@ -487,7 +487,7 @@ MUTANTS: list[Mutant] = [
         ("rest is missed by a rounding error", "np.where((left <= 0.0) & (right >= 0.0), 0.0, root)", "root + 1e-18"),
     ),
     *_of(
-        "judge.py",
+        "closed_loop.py",
         JUDGE,
         ("a level that stays is taken for one that falls", "(after < before)", "(after <= before)"),
         ("a step is held against the bound after its own input", "[REST, *r.inputs[:-1]]", "[*r.inputs]"),
@@ -542,7 +542,7 @@ MUTANTS: list[Mutant] = [
         ),
     ),
     *_of(
-        "specifications/toward.py",
+        "specifications/reaching.py",
         PLACES,
         (
             "a copy of the target begins at 0",
@@ -551,7 +551,7 @@ MUTANTS: list[Mutant] = [
         ),
     ),
     *_of(
-        "specifications/toward.py",
+        "specifications/reaching.py",
         PLACES,
         ("what just touches touches nothing", "np.flatnonzero(clearance <= 0.0)", "np.flatnonzero(clearance < 0.0)"),
         ("upper walls are not there", "np.minimum(at - self.walls[0], self.walls[1] - at)", "(at - self.walls[0])"),

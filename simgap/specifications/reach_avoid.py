@@ -8,12 +8,10 @@ import numpy as np
 from pydantic import Field
 
 from simgap.arrays import Bools, Floats, Ints
-from simgap.specifications.base import Game, Words
-from simgap.specifications.monitor import STUCK, Monitor, Run
-from simgap.specifications.reaching import Reaching
+from simgap.specifications.base import STUCK, Game, Monitor, Run, Words
+from simgap.specifications.reaching import LATE, Reaching, Toward
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
-from simgap.specifications.toward import LATE, Toward
 
 REACHED, BESIDE = "reached the target", "ended beside the target"
 

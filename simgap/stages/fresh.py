@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from simgap.config.gap import HiddenStateSection
-from simgap.gap.memory.histories import fresh_sequences
+from simgap.gap.memory.hidden_state import fresh_sequences
 from simgap.gap.sampling.points import draw, step_columns, successor_columns
 from simgap.plants.context import Context
 from simgap.simulators.body_samples import joined

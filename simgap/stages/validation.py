@@ -12,25 +12,22 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 from simgap.arrays import Floats, Ints
-from simgap.closed_loop import Sensing, batch_loop, closed_loop
+from simgap.closed_loop import Judge, Sensing, batch_loop, closed_loop
 from simgap.config.case import Case
+from simgap.config.controller import Trials, ValidationSection
 from simgap.config.reads import CONTROLLED
-from simgap.config.validation import Trials, ValidationSection
 from simgap.errors import BrokenPromise, UserError
 from simgap.geometry import drawn_in_cells
-from simgap.io.controller_file import load_controller_of
+from simgap.io.controller_file import SharedSolution, load_controller_of, scratch_folder
 from simgap.io.documents import write_json
 from simgap.io.gap_file import load_gap
 from simgap.io.parquet import write_parquet
-from simgap.io.shared_solution import SharedSolution, scratch_folder
 from simgap.io.traces import BASELINE, GAP_AWARE, MODEL, NOMINAL, SIMULATOR, Trace, to_table
-from simgap.judge import Judge
 from simgap.late import pyarrow as pa
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.process import EnginePool, engine_pool
-from simgap.specifications.base import specification_of
-from simgap.specifications.monitor import Run, Verdict
+from simgap.specifications.base import Run, Verdict, specification_of
 from simgap.specifications.space import Space
 from simgap.stages import log
 from simgap.stages.arguments import CasePath, Gap, GapAwareController, HowMany, NominalController, Option, Out, Workers

@@ -16,10 +16,9 @@ from simgap.diagnosis.simulation.parts import parts_of
 from simgap.effects import AppliedEffect
 from simgap.excitation import multisine
 from simgap.extras.experiment.ask import Question, as_usable, ask, halves, shortest, windows_to_come
-from simgap.extras.experiment.beside import beside
-from simgap.extras.experiment.propose import Wave, tried, waves
+from simgap.extras.experiment.propose import Wave, beside, tried, waves
 from simgap.extras.experiment.rivals import known_rivals, margins
-from simgap.extras.experiment.words import paragraph
+from simgap.extras.next import paragraph
 from simgap.geometry import Box
 from simgap.model.symbolic import Coordinate, NamedParameter, Parameter, SymbolicModel, Variable, symbol
 

@@ -14,10 +14,8 @@ from simgap.gap.bounds.function import GapDomain, Tier
 from simgap.gap.bounds.previous import PreviousClasses
 from simgap.gap.fitting.acceptance import check_fresh, clopper_pearson_upper, covering_remainder
 from simgap.gap.fitting.cell_fit import NodeFit
-from simgap.gap.lipschitz.grid import GridLipschitz, estimate, worse
-from simgap.gap.lipschitz.stencils import bends, steps, to_cells
-from simgap.gap.memory.bound import Robot, assemble_hulls
-from simgap.gap.memory.fit import HistoryInfluence, HullFit, Widened, fit_hull
+from simgap.gap.lipschitz.grid import GridLipschitz, bends, estimate, steps, to_cells, worse
+from simgap.gap.memory.bound import HistoryInfluence, HullFit, Robot, Widened, assemble_hulls, fit_hull
 from simgap.gap.memory.hidden_state import extrapolated_maximum, fading, hull
 from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
 from simgap.gap.sampling.symmetry import SymmetryDeviation

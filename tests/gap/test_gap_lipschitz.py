@@ -15,7 +15,7 @@ from simgap.gap.sampling.borders import Borders
 from simgap.gap.sampling.samples import SampleGrid
 from simgap.gap.sampling.values import Held
 from simgap.geometry import Box, Grid
-from simgap.io.spilled_numbers import room_in
+from simgap.io.parquet import room_in
 from tests.gap.gap_examples import U, X, coulomb, gap_section, on_grid, smooth
 
 
@@ -206,7 +206,7 @@ def test_the_spacing_limit_lies_beyond_the_largest_slope():
 
 def in_pieces(monkeypatch, tmp_path):
     """From here on a layer of cells and an input at a time, from files."""
-    monkeypatch.setattr("simgap.gap.lipschitz.stencils.PIECE", 1)
+    monkeypatch.setattr("simgap.gap.lipschitz.grid.PIECE", 1)
     return room_in(tmp_path, held=0)
 
 

@@ -11,8 +11,7 @@ from simgap.gap.bounds.load import from_json
 from simgap.gap.bounds.previous import PreviousClasses
 from simgap.gap.fitting.acceptance import FreshCheck, check_sequences, confirmed
 from simgap.gap.fitting.dimension_fit import deterministic_tier
-from simgap.gap.memory.bound import Robot, assemble_hulls
-from simgap.gap.memory.fit import HistoryInfluence, HullFit, fit_hull
+from simgap.gap.memory.bound import HistoryInfluence, HullFit, Robot, assemble_hulls, fit_hull
 from simgap.gap.memory.hidden_state import (
     check_fading,
     extrapolated_maximum,

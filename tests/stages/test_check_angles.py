@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from simgap.errors import UserError
-from simgap.lint.angles import find_degrees, refuse_seams
+from simgap.lint.equations import find_degrees, refuse_seams
 from simgap.plants.context import Context
 from simgap.plants.model_file import FileJoint
 from simgap.stages import check

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from simgap.geometry import Box, Grid
-from simgap.specifications.regions import cells_meeting, cells_within
+from simgap.specifications.space import cells_meeting, cells_within
 from simgap.synthesis.abstraction.cells import clip_boxes, count_holes, drop_boxes_with_holes, layout, table_size
 from simgap.synthesis.abstraction.post import (
     OUTSIDE,

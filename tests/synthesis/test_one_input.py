@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from simgap.attack.law import ControlLaw
-from simgap.config.synthesis import SynthesisSection
+from simgap.attack.campaign import ControlLaw
+from simgap.config.controller import SynthesisSection
 from simgap.errors import UserError
 from simgap.geometry import Box
-from simgap.io.controller_export import export_controller
-from simgap.io.controller_file import load_controller, save_controller
-from simgap.io.shared_solution import SharedSolution
+from simgap.io.controller_file import SharedSolution, export_controller, load_controller, save_controller
 from simgap.specifications.reach_and_stay import ReachAndStay
 from simgap.specifications.reach_avoid import ReachAvoid
 from simgap.specifications.space import Space

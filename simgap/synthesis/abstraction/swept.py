@@ -15,7 +15,7 @@ from simgap.arrays import Floats
 from simgap.gap.bounds.body_frame import rotated_box
 from simgap.geometry import Grid
 from simgap.late import njit
-from simgap.specifications.regions import SHRINK
+from simgap.specifications.space import SHRINK
 
 
 @dataclass(frozen=True, eq=False)
