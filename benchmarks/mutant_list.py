@@ -226,7 +226,7 @@ MUTANTS: list[Mutant] = [
         ("boxes of four axes miss their last cells", "np.uint64(boxes[at + 7] + 1)", "np.uint64(boxes[at + 7])"),
     ),
     *_of(
-        "synthesis/abstraction/swept.py",
+        "synthesis/abstraction/intersample.py",
         KERNELS,
         (
             "swept boxes ignore the heading's error",
@@ -471,7 +471,7 @@ MUTANTS: list[Mutant] = [
         ),
     ),
     *_of(
-        "split_conformal.py",
+        "statistics.py",
         BOUNDS,
         ("the rank is that of n scores", "math.ceil((n + 1) * level)", "math.ceil(n * level)"),
     ),

@@ -59,8 +59,8 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
     "effects": {name: f"simgap.effects.{place}" for name, place in _EFFECTS.items()},
     "specifications": {
         "invariance": "simgap.specifications.invariance:Invariance",
-        "reach_avoid": "simgap.specifications.reach_avoid:ReachAvoid",
-        "reach_and_stay": "simgap.specifications.reach_and_stay:ReachAndStay",
+        "reach_avoid": "simgap.specifications.reaching:ReachAvoid",
+        "reach_and_stay": "simgap.specifications.reaching:ReachAndStay",
     },
 }
 DOORS: Mapping[str, str] = {

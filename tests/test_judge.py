@@ -6,15 +6,13 @@ import numpy as np
 import sympy as sp
 
 from simgap.closed_loop import LEFT, Judge, strays
-from simgap.gap.bounds.body_frame import BodyFrameGap
+from simgap.gap.bounds.body_frame import BodyFrameGap, PreviousClasses
 from simgap.gap.bounds.function import GapDomain
-from simgap.gap.bounds.previous import PreviousClasses
 from simgap.geometry import Box, Grid
 from simgap.model.sampled import NominalModel
 from simgap.specifications.base import Run
 from simgap.specifications.invariance import Inside
-from simgap.specifications.reach_avoid import Arriving
-from simgap.specifications.reaching import Surroundings
+from simgap.specifications.reaching import Arriving, Surroundings
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 

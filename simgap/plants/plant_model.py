@@ -26,7 +26,6 @@ from simgap.effects import AppliedEffect, apply_effects, check_listed, delays_an
 from simgap.errors import UserError, placed
 from simgap.geometry import Box
 from simgap.late import sympy as sp
-from simgap.model.drake_system import symbolic_plant
 from simgap.model.expressions import parse
 from simgap.model.integrators import sampling_rule
 from simgap.model.sampled import NominalModel
@@ -40,7 +39,7 @@ from simgap.model.symbolic import (
     symbol,
 )
 from simgap.model.tree import Tree
-from simgap.plants.drake_check import check_declared, check_map
+from simgap.plants.drake_check import check_declared, check_map, symbolic_plant
 from simgap.plants.urdf import JointState, load_tree, load_urdf
 from simgap.plants.urdf_checks import check_joint_units, check_urdf
 from simgap.units import check_unit, dimension, force_along, require_unit

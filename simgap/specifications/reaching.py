@@ -1,8 +1,13 @@
-"""Base of the specifications that reach a target among obstacles: their keys, their sets, their picture, their monitor.
+"""Specifications that reach a target among obstacles, and then end (`reach_avoid`) or stay in it (`reach_and_stay`).
 
 The monitor records the level of the value function and the distance to obstacles and walls. A body with a round
 footprint on a floor has a Euclidean distance there. Any other plant has states of different units: its distance to a
 box is the largest over the axes, each in shares of the width of X along that axis.
+
+The part of the target that can be held is its largest controlled invariant subset W. From every cell that reaches W in
+bounded time the promise is kept by going there and then staying: below level 0 a controller applies inputs that go down
+a level, in W those that keep every successor in W. Whatever is in the target for ever after a bounded number of steps
+is in W by then, so no cell is lost that can promise this.
 """
 
 from __future__ import annotations
@@ -11,7 +16,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +27,8 @@ from simgap.config.base import Interval, NotNegative
 from simgap.errors import UserError
 from simgap.geometry import Box, Grid
 from simgap.specifications.base import (
+    EARLY,
+    STUCK,
     Game,
     Look,
     Monitor,
@@ -30,6 +37,7 @@ from simgap.specifications.base import (
     Run,
     Specification,
     Verdict,
+    Words,
     projected,
     rectangle,
 )
@@ -421,3 +429,109 @@ def _slab(j: int, lo: Floats, hi: Floats) -> Box:
     low, high = np.full(lo.size, -np.inf), np.full(lo.size, np.inf)
     low[j], high[j] = lo[j], hi[j]
     return Box(low, high)
+
+
+REACHED, BESIDE = "reached the target", "ended beside the target"
+
+
+class ReachAvoid(Reaching):
+    """Reach the target and avoid the obstacles until then; a run ends in the target."""
+
+    kind: Literal["reach_avoid"] = Field(description="Reach the target and avoid the obstacles until then.")
+
+    swept_boxes: ClassVar[bool] = True
+    holds: ClassVar[bool] = False
+    words: ClassVar[Words] = Words(
+        runs="Runs in the arena",
+        caption="Runs of the controller made for the nominal model alone (left) and of the gap-aware one (right) in "
+        "the simulator, and from the same starts on the nominal model (grey, dashed).",
+        kept="in the target without touching anything",
+        allowed="free cells",
+        promise="reaches the target",
+        violated="touches something",
+        limits="arena",
+    )
+
+    def solve(self, game: Game) -> Solution:
+        """The least fixed point, its value function and all inputs that go down a level."""
+        return game.reach(*self.sets(game))
+
+    def monitor(self, space: Space, solution: Solution) -> Monitor:
+        """Monitor of arrival in the target without touching anything on the path."""
+        return Arriving(space, self.goal_box(space), self.surroundings(space), solution)
+
+
+class Arriving(Toward):
+    """A run ends in a cell of the target."""
+
+    def over(self, x: Floats, measured: Floats) -> bool:
+        """A run ends where the controller knows that it has arrived: (nx,), (nx,)."""
+        return self.arrived(measured)
+
+    def over_each(self, x: Floats, measured: Floats) -> Bools:
+        """The same for many runs: (n, nx), (n, nx) -> (n,)."""
+        cells = self.solution.grid.index(measured)
+        return np.where(cells >= 0, self.solution.ended[cells], False)
+
+    def ended(self, run: Run, levels: Ints, steps: int) -> tuple[str, bool]:
+        """Arrived, without an input, or still moving; levels (k + 1,)."""
+        if levels[-1] == 0:
+            arrived = bool(self.in_target(run.x[-1:])[0])
+            return (REACHED, True) if arrived else (BESIDE, False)
+        return (STUCK if run.stuck else LATE), False
+
+
+STAYED, LEFT = "reached the target and stayed", "left the target again"
+
+
+class ReachAndStay(Reaching):
+    """Reach the target, avoid the obstacles, and stay in the target for ever after."""
+
+    kind: Literal["reach_and_stay"] = Field(description="Reach the target, avoid the obstacles, stay in the target.")
+
+    then: ClassVar[str] = ", stay there for ever"
+    words: ClassVar[Words] = Words(
+        runs="Runs into the target",
+        caption="Runs of the controller made for the nominal model alone and of the gap-aware one in the simulator (in "
+        "colour), and from the same starts on the nominal model (grey, dashed).",
+        kept="in the target and still there at the end",
+        allowed="free cells",
+        promise="reaches the target and stays there for ever",
+        violated="touches something or leaves the target",
+        limits="arena",
+    )
+
+    def solve(self, game: Game) -> Solution:
+        """The largest part of the target that can be held, and the cells from which it is reached."""
+        target, free = self.sets(game)
+        held = game.invariant(target)
+        return game.reach(held.served, free).followed_by(held)
+
+    def monitor(self, space: Space, solution: Solution) -> Monitor:
+        """Monitor of arrival in the held part of the target, of staying in the target and touching nothing."""
+        return Staying(space, self.goal_box(space), self.surroundings(space), solution)
+
+
+class Staying(Toward):
+    """A run goes on in the target until its last sample."""
+
+    def over_each(self, x: Floats, measured: Floats) -> Bools:
+        """Runs go on, whatever `x` and `seen`: (n, nx), (n, nx) -> (n,)."""
+        return np.zeros(len(x), np.bool_)
+
+    def unbroken(self, run: Run, levels: Ints) -> Bools:
+        """Before the first sample outside the target after one in its held part: levels (k + 1,) -> (k + 1,)."""
+        held = np.maximum.accumulate(levels == 0)
+        left: Bools = np.logical_or.accumulate(held & ~self.in_target(run.x))
+        return ~left
+
+    def ended(self, run: Run, levels: Ints, steps: int) -> tuple[str, bool]:
+        """End of a run that touched nothing, kept if it stays in the target from its held part on; levels (k + 1,)."""
+        arrived = np.flatnonzero(levels == 0)
+        if len(arrived) == 0:
+            return (STUCK if run.stuck else LATE), False
+        if not self.in_target(run.x[arrived[0] :]).all():
+            return LEFT, False
+        if run.stuck:
+            return STUCK, False
+        return (STAYED, True) if len(run.inputs) >= steps else (EARLY, False)

@@ -26,15 +26,14 @@ from simgap.model.integrators import nominal_paths
 from simgap.model.sampled import NominalModel
 from simgap.plants.context import Context, pose_axes
 from simgap.provenance import provenance
-from simgap.simulators.body_samples import BodySamples
+from simgap.simulators.base import BodySamples
 from simgap.simulators.commands import acts_at_once
 from simgap.specifications.base import path_aware_baseline, specification_of
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 from simgap.stages import log
 from simgap.stages.arguments import CasePath, Option, Out
-from simgap.synthesis.abstraction.intersample import Flow, excursion, flow_of
-from simgap.synthesis.abstraction.swept import SweptCells, planar_swept_cells
+from simgap.synthesis.abstraction.intersample import Flow, SweptCells, excursion, flow_of, planar_swept_cells
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.explain import GammaParts, explain
 from simgap.synthesis.games.game import PreviousBounds

@@ -8,7 +8,7 @@ from simgap.attack.campaign import LENGTH, ControlLaw, Danger, Opponent, Scene, 
 from simgap.closed_loop import Judge, batch_loop
 from simgap.geometry import Box, Grid
 from simgap.specifications.invariance import Inside
-from simgap.specifications.reach_and_stay import ReachAndStay
+from simgap.specifications.reaching import ReachAndStay
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 from simgap.stages.validation import draw_starts

@@ -8,9 +8,7 @@ from simgap.errors import UserError
 from simgap.geometry import Box
 from simgap.io.figure_style import SURROUNDINGS
 from simgap.specifications.invariance import Invariance
-from simgap.specifications.reach_and_stay import ReachAndStay
-from simgap.specifications.reach_avoid import ReachAvoid
-from simgap.specifications.reaching import first_touch
+from simgap.specifications.reaching import ReachAndStay, ReachAvoid, first_touch
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space, cells_meeting, cells_within
 

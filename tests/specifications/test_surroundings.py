@@ -6,9 +6,7 @@ import pytest
 from simgap.closed_loop import Sensing, closed_loop
 from simgap.geometry import Box, Grid
 from simgap.specifications.base import Run
-from simgap.specifications.reach_and_stay import LEFT, STAYED, ReachAndStay, Staying
-from simgap.specifications.reach_avoid import REACHED, ReachAvoid
-from simgap.specifications.reaching import LATE, Surroundings
+from simgap.specifications.reaching import LATE, LEFT, REACHED, STAYED, ReachAndStay, ReachAvoid, Staying, Surroundings
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space, cells_meeting, partial_box
 

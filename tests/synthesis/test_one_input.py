@@ -11,8 +11,7 @@ from simgap.config.controller import SynthesisSection
 from simgap.errors import UserError
 from simgap.geometry import Box
 from simgap.io.controller_file import SharedSolution, export_controller, load_controller, save_controller
-from simgap.specifications.reach_and_stay import ReachAndStay
-from simgap.specifications.reach_avoid import ReachAvoid
+from simgap.specifications.reaching import ReachAndStay, ReachAvoid
 from simgap.specifications.space import Space
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.input_sets import unpack

@@ -17,7 +17,7 @@ from simgap.io.controller_file import load_controller, save_controller
 from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import SymbolicModel, Variable
 from simgap.specifications.invariance import Invariance
-from simgap.specifications.reach_avoid import ReachAvoid
+from simgap.specifications.reaching import ReachAvoid
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space, cells_meeting, cells_within
 from simgap.synthesis.abstraction.intersample import Flow, excursion, flow_of

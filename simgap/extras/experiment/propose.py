@@ -28,10 +28,10 @@ from simgap.diagnosis.simulation.parts import parts_of
 from simgap.diagnosis.simulation.sensitivity import Direction, inverted, linearise, scaled, slot_direction
 from simgap.diagnosis.simulation.supermodel import SuperModel
 from simgap.diagnosis.thresholds import SELDOM
-from simgap.distributions import norm
-from simgap.excitation import multisine
 from simgap.extras.experiment.rivals import Bench, Explained, KnownRivals, Rival, margin, margins, members, translated
 from simgap.model.symbolic import SymbolicModel
+from simgap.signals import multisine
+from simgap.statistics import norm
 
 _UNSEEN = 1e-10
 """What is at hand cannot see an effect of which it leaves a smaller share."""

@@ -19,9 +19,8 @@ from simgap.arrays import Floats
 from simgap.config.case import Case
 from simgap.config.gap import HiddenStateSection
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.bounds.body_frame import BodyFrameGap
+from simgap.gap.bounds.body_frame import BodyFrameGap, PreviousClasses
 from simgap.gap.bounds.function import GapDomain, Tier
-from simgap.gap.bounds.previous import PreviousClasses
 from simgap.gap.fitting.acceptance import FreshCheck, check_sequences, confirmed, tolerate
 from simgap.gap.json_record import JsonRecord
 from simgap.gap.memory.hidden_state import COORDINATES, TOP, check_fading, extrapolated_maximum, hull, tolerance_of
@@ -30,7 +29,7 @@ from simgap.gap.sampling.points import Columns, Points, body_samples
 from simgap.gap.sampling.samples import previous_classes, read_back
 from simgap.gap.sampling.symmetry import SymmetryDeviation
 from simgap.plants.context import Context, pose_axes
-from simgap.simulators.body_samples import REST, BodySamples
+from simgap.simulators.base import REST, BodySamples
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import last_steps_of
 

@@ -23,10 +23,10 @@ from simgap.arrays import Floats, Ints
 from simgap.config.case import Case
 from simgap.config.gap import HiddenStateSection
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.bounds.previous import intervals
+from simgap.gap.bounds.body_frame import intervals
 from simgap.gap.sampling.points import AFTER_PREVIOUS, HISTORY, SEQUENCE, Columns, Points, cut, step_columns
 from simgap.gap.thresholds import BEYOND_CONFIDENCE, SMALL_INFLUENCE
-from simgap.simulators.body_samples import BodySamples
+from simgap.simulators.base import BodySamples
 from simgap.simulators.rollouts import after_previous, along_sequences, repeated_histories
 
 TOP = 20

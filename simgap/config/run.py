@@ -1,4 +1,9 @@
-"""A sweep: a case, and the values of any of its keys. Each combination is a case of its own, named by its values."""
+"""The files of a workflow run beside its cases: its settings, rigs and sweeps.
+
+The settings say which cases there are and where; those of a plain run are `configs/default.yaml`. A rig is an
+experiment on a stand-in for hardware, which leaves recordings and nothing else. A sweep is a case and the values of any
+of its keys; each combination is a case of its own, named by its values.
+"""
 
 from __future__ import annotations
 
@@ -7,17 +12,63 @@ import hashlib
 import itertools
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from simgap.config.base import Section
 from simgap.config.case import Case
 from simgap.config.load import case_content, parse_case, read_yaml, validated
 from simgap.errors import UserError
+
+
+class Excitation(Section):
+    """A random-phase multisine on every input."""
+
+    amplitude: float = Field(gt=0, description="Largest |u|, in the unit of the input.")
+    low: float = Field(0.1, gt=0, description="Lowest frequency, Hz.")
+    high: float = Field(8.0, gt=0, description="Highest frequency, Hz.")
+
+
+class Rig(Section):
+    """Which case's simulator stands in for hardware, how it is moved and what is measured."""
+
+    case: str = Field(description="Case file whose simulator is the rig, relative to this file.")
+    substeps: int | None = Field(
+        None,
+        ge=1,
+        description="Engine steps within tau while recording; those of the case if not given. Hardware does not move "
+        "in steps of the controller: a fine engine step keeps the engine's integration error out of the recordings.",
+    )
+    traces: int = Field(2, ge=1, description="Number of recordings, each from rest at the origin.")
+    seconds: float = Field(15.0, gt=0, description="Length of each, s.")
+    excitation: Excitation = Field(description="Signals of the inputs.")
+    noise: dict[str, float] = Field(
+        min_length=1, description="For each state that is measured, the standard deviation of its noise."
+    )
+    seed: int = Field(0, ge=0, description="Seed of phases and noise.")
+
+
+def case_of_rig(path: Path) -> Path:
+    """The case file that a rig file names: its simulator is the rig, whatever the rig file itself is called.
+
+    Raises:
+        UserError: missing file, unknown, missing or wrong key.
+    """
+    return path.parent / load_rig(path).case
+
+
+def load_rig(path: Path) -> Rig:
+    """Read a rig file.
+
+    Raises:
+        UserError: missing file, unknown, missing or wrong key.
+    """
+    return validated(Rig, read_yaml(path), path)
+
 
 MARK = "--"
 """Between the name of a sweep and that of a point."""
@@ -132,3 +183,37 @@ def _set(content: dict[str, Any], key: str, value: Any, path: Path) -> None:
         if not isinstance(place, dict):
             raise UserError(f"'{part}' has no keys", file=path, key=f"axes.{key}", remedy="Correct the dotted key.")
     place[last] = value
+
+
+class EpsSweep(Section):
+    """More points of one case."""
+
+    eps: tuple[float, ...] = Field((), description="Radii of the balls that cover X, beside the case's own.")
+
+
+class WorkflowConfig(Section):
+    """What a run is about."""
+
+    case_folder: str = Field("configs/cases", description="Folder of the case files.")
+    rig_folder: str = Field("configs/rigs", description="Folder of the rigs that stand in for hardware.")
+    sweep_folder: str = Field("configs/sweeps", description="Folder of sweep files.")
+    cases: list[str] = Field(min_length=1, description="Cases of the run, by the names of their files.")
+    sweeps: dict[str, EpsSweep] = Field(
+        default_factory=dict, description="More points, by case, for the table of eps of a full run."
+    )
+
+    @field_validator("cases", mode="before")
+    @classmethod
+    def _names(cls, value: object) -> object:
+        if isinstance(value, str):
+            raise ValueError(f"a list of names is needed, got '{value}'. Write `cases: [{value}]`.")
+        return value
+
+
+def workflow_config(content: Mapping[str, Any]) -> WorkflowConfig:
+    """The checked settings of a run.
+
+    Raises:
+        UserError: an unknown or wrong key, named.
+    """
+    return validated(WorkflowConfig, dict(content), "the run's config")
