@@ -343,7 +343,7 @@ MUTANTS: list[Mutant] = [
         ("paths between recorded poses are not added", " + robot.between_poses)", ")"),
     ),
     *_of(
-        "gap/memory/bound.py",
+        "gap/memory/fit.py",
         BOUNDS,
         (
             "sequences below the hull do not count",

@@ -38,7 +38,7 @@ __all__ = [
 _ROOMS = {
     "BrokenPromise": "errors",
     "UserError": "errors",
-    "export_controller": "io.controller_export",
+    "export_controller": "io.controller_file",
     "export_model": "io.model_export",
     "load_case": "config.load",
     "load_controller": "io.controller_file",

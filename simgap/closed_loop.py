@@ -15,7 +15,7 @@ import numpy as np
 from simgap.arrays import Bools, Floats, Ints
 from simgap.gap.bounds.function import GapFunction
 from simgap.model.sampled import NominalModel
-from simgap.simulators.base import REST
+from simgap.simulators.body_samples import REST
 from simgap.specifications.base import Monitor, Outcome, Run, Verdict
 from simgap.specifications.solution import Solution, after_choice
 from simgap.specifications.space import Space

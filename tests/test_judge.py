@@ -6,8 +6,9 @@ import numpy as np
 import sympy as sp
 
 from simgap.closed_loop import LEFT, Judge, strays
-from simgap.gap.bounds.body_frame import BodyFrameGap, PreviousClasses
+from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain
+from simgap.gap.bounds.previous import PreviousClasses
 from simgap.geometry import Box, Grid
 from simgap.model.sampled import NominalModel
 from simgap.specifications.base import Run

@@ -29,7 +29,8 @@ from simgap.gap.sampling.points import SEQUENCE, Columns, body_samples, stacked,
 from simgap.gap.sampling.samples import motion_of
 from simgap.geometry import Box, nearest_inputs
 from simgap.plants.context import Context, pose_axes
-from simgap.simulators.base import REST, BodySamples, PathSimulator, Simulator
+from simgap.simulators.base import PathSimulator, Simulator
+from simgap.simulators.body_samples import REST, BodySamples
 
 CLIMBERS = 64
 LARGEST_STEP, SMALLEST_STEP = 0.1, 1e-7  # shares of the width of X

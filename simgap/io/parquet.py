@@ -2,10 +2,6 @@
 
 The footer of a file has the key `simgap.sha256` with 64 hexadecimal digits: the SHA-256 of the whole file with these
 digits taken as zeros, so that other readers still read it. Page checksums would leave the footer open.
-
-Numbers that do not fit into memory beside everything else lie in a temporary file. It has no name: it is gone with the
-process, however that ends. It is read and written by calls and not mapped, so that it never counts as memory of the
-process.
 """
 
 from __future__ import annotations
@@ -13,19 +9,15 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-import tempfile
-import weakref
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
 from simgap import reading
 from simgap.arrays import Floats
 from simgap.errors import UserError, excerpt
-from simgap.gap.sampling.values import Held, Kept, Room, Rows
 from simgap.io.atomic import atomic
 from simgap.late import pyarrow as pa
 from simgap.late import pyarrow_parquet as pq
@@ -143,51 +135,3 @@ def checksum_holds(data: bytes) -> bool | None:
     """Whether the bytes of a file are those that were written; None if the file carries no checksum."""
     found = stated_checksum(data)
     return None if found is None else computed_checksum(data, found[0]) == found[1]
-
-
-HELD = 2**22
-"""Numbers up to which memory is taken: 32 MiB, less than what the imports of a stage take."""
-_BYTES = 8
-
-
-@dataclass(frozen=True, eq=False)
-class Stored(Kept):
-    """Numbers (N, M) in a temporary file in `folder`; what was not written yet has no meaning."""
-
-    folder: Path
-    count: tuple[int, int]
-    _file: IO[bytes] = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.folder.mkdir(parents=True, exist_ok=True)
-        file = tempfile.TemporaryFile(dir=self.folder, buffering=0)  # noqa: SIM115 - as long as these numbers
-        object.__setattr__(self, "_file", file)
-        weakref.finalize(self, file.close)
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """(N, M)."""
-        return self.count
-
-    def __getitem__(self, rows: slice | Rows) -> Floats:
-        width = self.count[1]
-        if not isinstance(rows, slice):
-            return np.concatenate([self[k : k + 1] for k in rows]) if len(rows) else np.empty((0, width))
-        self._file.seek(rows.start * width * _BYTES)
-        return np.fromfile(self._file, np.float64, (rows.stop - rows.start) * width).reshape(-1, width)
-
-    def put(self, first: int, rows: Floats) -> None:
-        """See `Kept`."""
-        self._file.seek(first * self.count[1] * _BYTES)
-        left = memoryview(rows.tobytes())
-        while left:  # a call may take a part; a full disk raises, with its reason
-            left = left[self._file.write(left) :]
-
-
-def room_in(folder: Path, held: int = HELD) -> Room:
-    """Memory for up to `held` numbers, a temporary file in `folder` for more."""
-
-    def room(shape: tuple[int, int]) -> Kept:
-        return Held.room(shape) if shape[0] * shape[1] <= held else Stored(folder, shape)
-
-    return room

@@ -1,8 +1,4 @@
-"""The interface that an engine implements to be the high-fidelity side.
-
-`BodySamples` are steps of a planar robot as the robot itself sees them: where it got to, and the box that its path
-swept.
-"""
+"""The interface that an engine implements to be the high-fidelity side."""
 
 from __future__ import annotations
 
@@ -14,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
-from simgap.arrays import Floats, Ints
+from simgap.arrays import Floats
 from simgap.config.simulator import EngineSection
 from simgap.late import sympy as sp
 from simgap.plants.model_file import Link
@@ -171,53 +167,3 @@ class PathSimulator(Simulator):
     @abstractmethod
     def chain(self, start: Floats, inputs: Floats) -> tuple[Floats, Floats]:
         """Run inputs (k, nu) one after the other from rest: -> poses (k + 1, 3), paths (k, poses, 3) in body frames."""
-
-
-REST = -1
-"""In place of the number of a previous input: the robot was at rest."""
-
-
-@dataclass(frozen=True, eq=False)
-class BodySamples:
-    """Roll-outs seen from the pose at which their input began.
-
-    Attributes:
-        m: (n,) number of the input in U; final: (n, 3) pose after tau; extent: (n, 4) least and largest x, least and
-            largest y along the path, the start included.
-        previous: (n,) number of the input before, `REST` where there was none.
-    """
-
-    m: Ints
-    final: Floats
-    extent: Floats
-    previous: Ints
-
-    @staticmethod
-    def of_paths(
-        m: Ints, paths: Floats, pose: tuple[int, int, int] = (0, 1, 2), previous: Ints | int = REST
-    ) -> BodySamples:
-        """From paths (n, poses, 3) that do not hold the start itself; `pose` says which states are x, y, heading."""
-        x, y = paths[..., pose[0]], paths[..., pose[1]]
-        ends = [np.minimum(x.min(1), 0), np.maximum(x.max(1), 0), np.minimum(y.min(1), 0), np.maximum(y.max(1), 0)]
-        before = np.broadcast_to(np.asarray(previous, dtype=np.int64), (len(m),))
-        return BodySamples(m, paths[:, -1].copy(), np.stack(ends, axis=1), before)
-
-
-def joined(parts: list[BodySamples]) -> BodySamples:
-    """Samples under each other."""
-    return BodySamples(
-        np.concatenate([p.m for p in parts]),
-        np.concatenate([p.final for p in parts]),
-        np.concatenate([p.extent for p in parts]),
-        np.concatenate([p.previous for p in parts]),
-    )
-
-
-def to_body(d: Floats, heading: Floats | float, pose: tuple[int, int, int] = (0, 1, 2)) -> Floats:
-    """Differences (..., 3) of the world turned into frames of the given headings, of one or (...,): R(-heading) d."""
-    i, j, _ = pose
-    cos, sin = np.cos(heading), np.sin(heading)
-    out = d.copy()
-    out[..., i] = cos * d[..., i] + sin * d[..., j]
-    out[..., j] = -sin * d[..., i] + cos * d[..., j]
-    return out

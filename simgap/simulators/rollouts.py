@@ -17,7 +17,8 @@ from simgap.arrays import Floats, Ints
 from simgap.config.case import Case
 from simgap.effects import EFFECTS, check_listed, effect
 from simgap.errors import UserError
-from simgap.simulators.base import REST, BodySamples, Engine, PathSimulator, Simulator, joined
+from simgap.simulators.base import Engine, PathSimulator, Simulator
+from simgap.simulators.body_samples import REST, BodySamples, joined
 from simgap.simulators.supervision import Supervised, supervise, try_as_map
 
 

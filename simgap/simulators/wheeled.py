@@ -21,7 +21,8 @@ from simgap.effects.base import Effect, WheelEffect
 from simgap.effects.commands import InputEffect
 from simgap.errors import UserError
 from simgap.plants.urdf_checks import check_floating_root, check_urdf, check_wheels
-from simgap.simulators.base import Engine, FileTraits, PathSimulator, to_body
+from simgap.simulators.base import Engine, FileTraits, PathSimulator
+from simgap.simulators.body_samples import to_body
 from simgap.simulators.commands import CommandMemory, CommandPath, case_command_paths
 
 

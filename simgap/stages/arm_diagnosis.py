@@ -20,7 +20,7 @@ from simgap.errors import UserError
 from simgap.io.atomic import write_text
 from simgap.io.model_export import with_inertial
 from simgap.io.pages import need_template
-from simgap.io.rerun.recording import write_recording
+from simgap.io.rerun.diagnosis import write_recording
 from simgap.model.tree import Tree
 from simgap.plants.context import Context
 from simgap.provenance import provenance

@@ -24,7 +24,7 @@ from simgap.io.atomic import write_text
 from simgap.io.pages import need_template
 from simgap.io.recordings.measured import load_reading
 from simgap.io.recordings.tables import rig_record
-from simgap.io.rerun.recording import write_recording
+from simgap.io.rerun.diagnosis import write_recording
 from simgap.lint.measured import check_measured, refuse_links, refuse_unknown
 from simgap.notation import number, pretty_unit
 from simgap.plants.context import Context

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from simgap.config.gap import HiddenStateSection
-from simgap.gap.memory.hidden_state import fresh_sequences
+from simgap.gap.memory.histories import fresh_sequences
 from simgap.gap.sampling.points import draw, step_columns, successor_columns
 from simgap.plants.context import Context
-from simgap.simulators.base import joined
+from simgap.simulators.body_samples import joined
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import along_sequences, roll_out
 from simgap.stages import log

@@ -23,7 +23,7 @@ from simgap.io.rerun.closed_loop import write_witness
 from simgap.io.traces import GAP_AWARE, MODEL, SIMULATOR, Trace
 from simgap.notation import pretty_unit
 from simgap.plants.context import Context, pose_axes
-from simgap.simulators.base import REST, to_body
+from simgap.simulators.body_samples import REST, to_body
 from simgap.simulators.process import run_in_processes
 from simgap.specifications.space import Space
 from simgap.stages import log

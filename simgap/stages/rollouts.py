@@ -7,7 +7,7 @@ from typing import Annotated
 
 from simgap.config.case import Case
 from simgap.errors import UserError
-from simgap.gap.memory.hidden_state import history_shard
+from simgap.gap.memory.histories import history_shard
 from simgap.gap.sampling.points import Columns, Points, cut, product, remembers, shard_count, successor_columns
 from simgap.plants.context import Context
 from simgap.simulators.process import run_in_processes

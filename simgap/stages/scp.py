@@ -8,12 +8,12 @@ from dataclasses import replace
 from simgap.errors import UserError
 from simgap.gap.fitting.bound_fit import fit_dimension
 from simgap.gap.fitting.dimension_fit import DimensionFit
-from simgap.gap.memory.bound import HullFit, fit_hull
+from simgap.gap.memory.fit import HullFit, fit_hull
 from simgap.gap.sampling.borders import MAKE_BORDERS, NO_BORDERS, directed_samples
 from simgap.gap.sampling.points import AFTER_PREVIOUS, SEQUENCE, Columns, Points, remembers
 from simgap.gap.sampling.samples import check_histories, dimension_samples, motion_of, previous_classes, steps_of
 from simgap.gap.sampling.values import Held, Room
-from simgap.io.parquet import room_in
+from simgap.io.spilled_numbers import room_in
 from simgap.plants.context import Context, pose_axes
 from simgap.stages.arguments import Borders, CasePath, Grid, Out, Shards
 from simgap.stages.gap_inputs import read_samples, write_dimensions

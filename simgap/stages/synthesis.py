@@ -26,7 +26,7 @@ from simgap.model.integrators import nominal_paths
 from simgap.model.sampled import NominalModel
 from simgap.plants.context import Context, pose_axes
 from simgap.provenance import provenance
-from simgap.simulators.base import BodySamples
+from simgap.simulators.body_samples import BodySamples
 from simgap.simulators.commands import acts_at_once
 from simgap.specifications.base import path_aware_baseline, specification_of
 from simgap.specifications.solution import Solution

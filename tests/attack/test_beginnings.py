@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from simgap.attack.worst_step import GapProblem, PointSearch, worst_histories
-from simgap.gap.bounds.body_frame import BodyFrameGap, PreviousClasses
+from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain
+from simgap.gap.bounds.previous import PreviousClasses
 from simgap.gap.sampling.points import step_columns
 from simgap.geometry import Box, Grid
 from simgap.plants.context import Context
-from simgap.simulators.base import REST, BodySamples
+from simgap.simulators.body_samples import REST, BodySamples
 from simgap.specifications.solution import Solution
 from simgap.stages import audit
 from simgap.stages.audit import margins_of

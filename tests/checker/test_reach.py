@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from simgap.extras.certify import Certified, Reached, write_certificate
-from simgap.gap.bounds.body_frame import BodyFrameGap, PreviousClasses
+from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain
+from simgap.gap.bounds.previous import PreviousClasses
 from simgap.geometry import Box
 from simgap.specifications.reaching import ReachAvoid
 from simgap.specifications.space import Space

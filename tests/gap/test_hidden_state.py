@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.bounds.body_frame import PreviousClasses
 from simgap.gap.bounds.function import GapDomain, Tier
 from simgap.gap.bounds.load import from_json
+from simgap.gap.bounds.previous import PreviousClasses
 from simgap.gap.fitting.acceptance import FreshCheck, check_sequences, confirmed
 from simgap.gap.fitting.dimension_fit import deterministic_tier
-from simgap.gap.memory.bound import HistoryInfluence, HullFit, Robot, assemble_hulls, fit_hull
+from simgap.gap.memory.bound import Robot, assemble_hulls
+from simgap.gap.memory.fit import HistoryInfluence, HullFit, fit_hull
 from simgap.gap.memory.hidden_state import (
     check_fading,
     extrapolated_maximum,
@@ -23,7 +24,7 @@ from simgap.gap.memory.hidden_state import (
 )
 from simgap.gap.memory.search import BoundTable, search
 from simgap.geometry import Box
-from simgap.simulators.base import REST, BodySamples
+from simgap.simulators.body_samples import REST, BodySamples
 
 V, W = np.round(np.arange(-5, 6) * 0.1, 12), np.round(np.arange(-4, 5) * 0.25, 12)
 U = np.array([(v, w) for v in V for w in W])

@@ -12,7 +12,7 @@ from simgap.gap.bounds.load import from_json
 from simgap.gap.sampling.symmetry import SymmetryDeviation
 from simgap.geometry import Box
 from simgap.io.documents import read_json, write_json
-from simgap.simulators.base import to_body
+from simgap.simulators.body_samples import to_body
 
 NAMES = ("x", "y", "theta")
 U = np.array([[0.0, 0.0], [0.5, -1.0], [0.5, 1.0]])

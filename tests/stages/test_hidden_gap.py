@@ -12,7 +12,7 @@ from simgap.io.documents import read_json
 from simgap.io.parquet import table, write_parquet
 from simgap.plants.context import Context
 from simgap.provenance import provenance
-from simgap.simulators.base import REST, BodySamples
+from simgap.simulators.body_samples import REST, BodySamples
 from simgap.stages.gap_inputs import write_points
 from tests.stages import road
 

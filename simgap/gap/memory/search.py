@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from simgap.arrays import Floats, Ints
-from simgap.gap.bounds.body_frame import PreviousClasses
+from simgap.gap.bounds.previous import PreviousClasses
 from simgap.gap.json_record import JsonRecord
 from simgap.gap.memory.hidden_state import COORDINATES, InputGrid, extrapolated_maximum
-from simgap.simulators.base import BodySamples, joined
+from simgap.simulators.body_samples import BodySamples, joined
 
 Objective = Callable[[Ints, Floats], Floats]
 """Sequences of value numbers (n, L, nu) and headings (n,), rad -> scores (n,); the search looks for large ones."""

@@ -20,7 +20,7 @@ from simgap.config.case import Case
 from simgap.config.gap import GridSection
 from simgap.errors import UserError
 from simgap.geometry import Box, Grid
-from simgap.simulators.base import BodySamples
+from simgap.simulators.body_samples import BodySamples
 
 HISTORIES = "hidden-state"
 EVERY_HISTORY = "full-table"

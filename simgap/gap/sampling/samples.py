@@ -11,9 +11,10 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.errors import UserError
-from simgap.gap.bounds.body_frame import PreviousClasses, nominal_motion
+from simgap.gap.bounds.body_frame import nominal_motion
 from simgap.gap.bounds.closed_form import CellRanges, ClosedFormGap
 from simgap.gap.bounds.function import GapDomain
+from simgap.gap.bounds.previous import PreviousClasses
 from simgap.gap.sampling.borders import Directed
 from simgap.gap.sampling.points import (
     AFTER_PREVIOUS,
@@ -32,7 +33,7 @@ from simgap.gap.sampling.points import (
 from simgap.gap.sampling.values import Centres, Combined, Held, Room, Values, check_numbers
 from simgap.geometry import Grid
 from simgap.plants.context import Context, pose_axes
-from simgap.simulators.base import BodySamples, joined
+from simgap.simulators.body_samples import BodySamples, joined
 from simgap.simulators.rollouts import closed_form
 
 
