@@ -82,7 +82,7 @@ def test_a_cost_beyond_the_budget_names_the_unit_first(tmp_path):
 
 @pytest.mark.parametrize("angle", [[-math.pi, math.pi], [0, 4 * math.pi]])
 def test_whole_turns_wrap(tmp_path, angle):
-    refuse_seams(Context.load(written(tmp_path, angle, ["q"])))
+    assert refuse_seams(Context.load(written(tmp_path, angle, ["q"]))) is None
 
 
 @pytest.mark.parametrize("angle", [[-3.14, 3.14], [-3.1416, 3.1416], [-180, 180], [-1, 1], [0, math.pi]])
