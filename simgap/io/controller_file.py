@@ -3,8 +3,7 @@
 The .npz has equal bytes for equal controllers, and nothing in it is believed when it is read. Both exports look a cell
 up as `Grid.finder` does, with the same operations on doubles in the same order, and hold the input that the
 controller's rule picks in each cell. What they promise is what the controller promises, of the measured state in the
-units of the case; they say -1 (Python: raise) where it has no input. Processes that share a solution map its large
-tables from files (`SharedSolution`), so that they are in memory once.
+units of the case; they say -1 (Python: raise) where it has no input.
 """
 
 from __future__ import annotations
@@ -13,15 +12,9 @@ import hashlib
 import json
 import math
 import re
-import shutil
-import signal
-import sys
-import threading
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from textwrap import wrap
 from typing import Any
@@ -33,7 +26,7 @@ from simgap import reading
 from simgap.arrays import Bools, Ints
 from simgap.errors import UserError
 from simgap.geometry import Box, Grid
-from simgap.io.atomic import atomic, not_linked, write_text
+from simgap.io.atomic import atomic, write_text
 from simgap.io.pages import text
 from simgap.plants.context import Context
 from simgap.reading import TooLarge, require_room
@@ -417,66 +410,3 @@ def _content(c: Controller, name: str) -> dict[str, Any]:
         "wraps": [j in c.grid.periodic for j in range(box.size)], "inputs": [_numbers(row) for row in c.input_set],
         "kinds": kinds.tolist(), "classes": int(kinds.max()) + 1, "table": _table(c.choice),
     }  # fmt: skip
-
-
-TABLES = ("winning", "mask", "free", "value", "target", "acting", "chosen")
-FLAGS, BYTES = np.empty(0, np.bool_), np.empty((0, 0), np.uint8)  # in the place of tables that lie in files
-
-
-@dataclass(frozen=True, eq=False)
-class SharedSolution:
-    """Where the tables of a solution are.
-
-    Attributes:
-        folder: of the files. names: of the tables that the solution has. rest: the solution without them.
-    """
-
-    folder: Path
-    names: tuple[str, ...]
-    rest: Solution
-
-    @staticmethod
-    def of(solution: Solution, folder: Path) -> SharedSolution:
-        """Write the tables; the folder must outlive every process that reads them."""
-        names = tuple(name for name in TABLES if getattr(solution, name) is not None)
-        for name in names:
-            np.save(folder / f"{name}.npy", getattr(solution, name))
-        rest = replace(
-            solution, winning=FLAGS, mask=BYTES, free=FLAGS, value=None, target=None, acting=None, chosen=None
-        )
-        return SharedSolution(folder, names, rest)
-
-    def read(self) -> Solution:
-        """The solution, its tables mapped and read-only: what is never looked at is never read."""
-        return replace(self.rest, **{n: np.load(self.folder / f"{n}.npy", mmap_mode="r") for n in self.names})
-
-
-TERMINATED = 128 + signal.SIGTERM
-
-
-@contextmanager
-def scratch_folder(folder: Path) -> Iterator[Path]:
-    """A new, empty folder, removed at the end: after an error, Ctrl-C and SIGTERM too.
-
-    Nobody can clean up after SIGKILL; what is then left lies where the next run of the same stage removes it.
-    """
-    shutil.rmtree(folder, ignore_errors=True)
-    not_linked(folder).mkdir(parents=True)
-    try:
-        with _ended_by(signal.SIGTERM):
-            yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-
-
-@contextmanager
-def _ended_by(number: signal.Signals) -> Iterator[None]:
-    """Let a signal end the program as an exception does, so that everything is cleaned up."""
-    if threading.current_thread() is not threading.main_thread():
-        yield  # only the main thread may say what signals do
-        return
-    before = signal.signal(number, lambda *_: sys.exit(TERMINATED))
-    try:
-        yield
-    finally:
-        signal.signal(number, before)

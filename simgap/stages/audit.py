@@ -35,9 +35,10 @@ from simgap.gap.bounds.function import GapFunction
 from simgap.gap.bounds.load import from_json
 from simgap.gap.sampling.samples import motion_of
 from simgap.geometry import Grid
-from simgap.io.controller_file import SharedSolution, load_controller_of, scratch_folder
+from simgap.io.controller_file import load_controller_of
 from simgap.io.documents import write_json
 from simgap.io.gap_file import SavedGap, load_gap
+from simgap.io.mapped import Mapped, scratch_folder
 from simgap.io.parquet import table, write_parquet
 from simgap.plants.context import Context
 from simgap.provenance import provenance
@@ -174,7 +175,7 @@ class Job:
     path: Path
     gap: dict[str, Any]
     seed: tuple[int, int]
-    solution: SharedSolution
+    solution: Mapped[Solution]
     starts: WorstStarts
     evaluations: int
     steps: int
@@ -292,13 +293,13 @@ def _remedy(found: SearchRecord) -> str:
 
 
 def _shared(
-    context: Context, gap: GapFunction, controller: Path, scratch_folder: Path
-) -> tuple[SharedSolution, WorstStarts, Margins | str]:
+    context: Context, gap: GapFunction, controller: Path, folder: Path
+) -> tuple[Mapped[Solution], WorstStarts, Margins | str]:
     """Read the controller, look at all of its cells once, and leave its tables in a folder."""
     solution = load_controller_of(controller, context).solution
     margins = margins_of(context, gap, solution)
     factor = None if isinstance(margins, str) else margins.factor
-    return SharedSolution.of(solution, scratch_folder), WorstStarts(solution, factor), margins
+    return Mapped.of(solution, folder / "solution"), WorstStarts(solution, factor), margins
 
 
 def _known(context: Context, bound: SavedGap, inputs: AuditFiles) -> tuple[Any, ...]:
