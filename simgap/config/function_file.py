@@ -132,12 +132,18 @@ class CopiedPlugin:
     file: str
     content: bytes
 
+    @staticmethod
+    def of(path: Path, section: tuple[str, ...], key: str, attribute: str) -> CopiedPlugin:
+        """The file under a name that holds its content: it overwrites no other, and an edited one gets another name."""
+        content = reading.read_bytes(path)
+        new = f"{path.stem}-{hashlib.sha256(content).hexdigest()[:12]}.py"
+        return CopiedPlugin(section, key, f"{new}:{attribute}", new, content)
+
 
 def plugin_copies(case: Case, source: Path, folder: Path) -> tuple[CopiedPlugin, ...]:
     """Files that have to stand in `folder` so that a copy of the case in `source` finds its plug-ins there.
 
-    A plug-in file may only stand beside the case that names it, so its path cannot be rewritten. The new name holds a
-    hash of the content: it overwrites no other file, and an edited plug-in gets another name.
+    A plug-in file may only stand beside the case that names it, so its path cannot be rewritten.
     """
     if reading.real(source) == reading.real(folder):
         return ()
@@ -145,9 +151,7 @@ def plugin_copies(case: Case, source: Path, folder: Path) -> tuple[CopiedPlugin,
     for plugin in used_plugins(case):
         file, _, attribute = plugin.name.rpartition(":")
         if file.endswith(".py"):
-            content = reading.read_bytes(source / file)
-            new = f"{Path(file).stem}-{hashlib.sha256(content).hexdigest()[:12]}.py"
-            copies.append(CopiedPlugin(tuple(plugin.place.split(".")), plugin.tag, f"{new}:{attribute}", new, content))
+            copies.append(CopiedPlugin.of(source / file, tuple(plugin.place.split(".")), plugin.tag, attribute))
     return (*copies, *_function(case, source))
 
 
@@ -165,9 +169,7 @@ def _function(case: Case, source: Path) -> tuple[CopiedPlugin, ...]:
             f"the simulator's file needs {', '.join(p.name for p in found.neighbours)}, which would be missing "
             "beside a corrected case", file=found.path, key=KEY, remedy="Put what it needs into the one file.",
         )  # fmt: skip
-    content = reading.read_bytes(found.path)
-    new = f"{found.path.stem}-{hashlib.sha256(content).hexdigest()[:12]}.py"
-    return (CopiedPlugin(("simulator",), "function", f"{new}:{found.name}", new, content),)
+    return (CopiedPlugin.of(found.path, ("simulator",), "function", found.name),)
 
 
 def with_plugin_copies(content: Mapping[str, Any], copies: tuple[CopiedPlugin, ...]) -> dict[str, Any]:
