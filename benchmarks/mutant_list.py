@@ -136,10 +136,6 @@ MUTANTS: list[Mutant] = [
             "np.floor((hi - origin) / width)",
         ),
         ("infinite posts become cells", "if not (-largest < lo and hi < largest):", "if not (-largest < lo):"),
-    ),
-    *_of(
-        "synthesis/abstraction/post.py",
-        KERNELS,
         ("a group's gap ignores its last cell", "index[n - 1] += extra\n", "index[n - 1] += extra - 1\n"),
         (
             "a group's gap starts at its second cell",
@@ -171,10 +167,6 @@ MUTANTS: list[Mutant] = [
         ("the swept box may leave the slab", "0 <= q // words + clear_rows < rows", "True"),
         ("free cells are not looked at", "if word and clear_at >= 0:", "if word and clear_at < -1:"),
         ("a slab's neighbours are forgotten", "out[q] &= row[q]", "out[q] |= row[q]"),
-    ),
-    *_of(
-        "synthesis/games/row_waves.py",
-        WAVES,
         (
             "only the first input of equal moves is noted",
             "range(inputs_from[v], inputs_from[v + 1])",
@@ -394,15 +386,7 @@ MUTANTS: list[Mutant] = [
         "gap/lipschitz/grid.py",
         BOUNDS,
         ("the change of slope is left out", "(first + turns(step, j, slab.grid, axes)) / (2.0", "first / (2.0"),
-    ),
-    *_of(
-        "gap/lipschitz/grid.py",
-        BOUNDS,
         ("slopes look ahead alone", "return np.maximum(np.abs(forward), np.abs(backward))", "return np.abs(forward)"),
-    ),
-    *_of(
-        "gap/lipschitz/grid.py",
-        BOUNDS,
         (
             "the first end of a range decides its slopes",
             "np.maximum(getattr(a, name), getattr(b, name)) for name in",
@@ -426,6 +410,13 @@ MUTANTS: list[Mutant] = [
             "return self.upper if upper else -self.lower",
             "return self.lower if upper else -self.lower",
         ),
+        ("X has no upper faces", "np.array([domain.box.lo[j], domain.box.hi[j]])", "np.array([domain.box.lo[j]])"),
+        (
+            "surfaces have one side",
+            "parts += [_along(domain, function, j, every, fixed) for j in function.axes]",
+            "parts += []",
+        ),
+        ("rest is missed by a rounding error", "np.where((left <= 0.0) & (right >= 0.0), 0.0, root)", "root + 1e-18"),
     ),
     *_of(
         "gap/lipschitz/local.py",
@@ -474,17 +465,6 @@ MUTANTS: list[Mutant] = [
         "statistics.py",
         BOUNDS,
         ("the rank is that of n scores", "math.ceil((n + 1) * level)", "math.ceil(n * level)"),
-    ),
-    *_of(
-        "gap/sampling/borders.py",
-        BORDERS,
-        ("X has no upper faces", "np.array([domain.box.lo[j], domain.box.hi[j]])", "np.array([domain.box.lo[j]])"),
-        (
-            "surfaces have one side",
-            "parts += [_along(domain, function, j, every, fixed) for j in function.axes]",
-            "parts += []",
-        ),
-        ("rest is missed by a rounding error", "np.where((left <= 0.0) & (right >= 0.0), 0.0, root)", "root + 1e-18"),
     ),
     *_of(
         "closed_loop.py",
@@ -549,10 +529,6 @@ MUTANTS: list[Mutant] = [
             "np.mod(x[:, j] - lo, period) <= hi - lo",
             "np.mod(x[:, j], period) <= hi - lo",
         ),
-    ),
-    *_of(
-        "specifications/reaching.py",
-        PLACES,
         ("what just touches touches nothing", "np.flatnonzero(clearance <= 0.0)", "np.flatnonzero(clearance < 0.0)"),
         ("upper walls are not there", "np.minimum(at - self.walls[0], self.walls[1] - at)", "(at - self.walls[0])"),
         (
