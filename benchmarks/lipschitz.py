@@ -19,9 +19,9 @@ from scipy.stats import kstest, weibull_max
 from simgap.arrays import Floats
 from simgap.gap.lipschitz.estimates import ReverseWeibull, fit_reverse_weibull, profile_upper
 from simgap.gap.lipschitz.grid import estimate
-from simgap.gap.memory.hidden_state import extrapolated_maximum
 from simgap.gap.thresholds import GATE
 from simgap.geometry import Box, Grid
+from simgap.statistics import extrapolated_maximum
 
 BOX = Box([-1.0, -1.0], [1.0, 1.0])
 BLOCKS, PAIRS, RADIUS = 100, 100, 0.05

@@ -352,6 +352,10 @@ MUTANTS: list[Mutant] = [
             "np.abs(responses - responses[-1]).max(axis=1)",
             "(responses - responses[-1]).max(axis=1)",
         ),
+    ),
+    *_of(
+        "statistics.py",
+        BOUNDS,
         ("nothing is extrapolated beyond the largest excess", "* r / (1.0 - r))", "* 0.0)"),
     ),
     *_of(

@@ -1,4 +1,4 @@
-"""Split conformal prediction, and distributions under the names that `scipy.stats` gives their functions.
+"""Split conformal prediction, extrapolated maxima, and distributions by the names that `scipy.stats` gives them.
 
 Split conformal prediction says how far scores of held-out samples reach with a stated coverage. Of n exchangeable
 scores the k-th smallest, k = ceil((n + 1) level), is not exceeded by a further one with probability at least `level`.
@@ -108,3 +108,21 @@ class fisher:
     def ppf(p: Any, free: Any, free_below: Any) -> Any:
         """Quantile: not exceeded with probability p."""
         return scipy.special.fdtri(free, free_below, p)
+
+
+TOP, TOP_CONFIDENCE = 20, 0.95
+"""Largest samples from which a supremum is extrapolated, and confidence of that limit."""
+
+
+def extrapolated_maximum(excess: Floats, dimension: int, top: int = TOP, confidence: float = TOP_CONFIDENCE) -> float:
+    """Upper estimate of the supremum behind excesses (n,), >= their maximum (0 when nothing exceeds).
+
+    `M1 + (M1 - Mk) r / (1 - r)`, `r = (1 - (1 - confidence)^(1/(k - 1)))^(1/a)`, from the k largest, where the samples
+    fill `dimension` a: the more coordinates, the farther the largest sample lies from the supremum (de Haan 1981).
+    """
+    k = min(top, len(excess))
+    largest = np.sort(excess)[-k:]
+    if k < 2 or largest[-1] <= 0:
+        return max(float(largest[-1]), 0.0)
+    r = (1.0 - (1.0 - confidence) ** (1.0 / (k - 1))) ** (1.0 / dimension)
+    return float(largest[-1] + (largest[-1] - max(largest[0], 0.0)) * r / (1.0 - r))

@@ -11,12 +11,12 @@ from simgap.gap.fitting.bound_fit import check_resolved, fit_dimension
 from simgap.gap.lipschitz.estimates import dimension_lipschitz, fit_reverse_weibull, profile_upper
 from simgap.gap.lipschitz.grid import DimensionLipschitz, GridLipschitz, estimate, roughness
 from simgap.gap.lipschitz.local import FitSlopes, LocalPadding, OffGrid
-from simgap.gap.memory.hidden_state import extrapolated_maximum
 from simgap.gap.sampling.borders import Borders
 from simgap.gap.sampling.samples import SampleGrid
 from simgap.gap.sampling.values import Held
 from simgap.geometry import Box, Grid
 from simgap.io.spilled_numbers import room_in
+from simgap.statistics import extrapolated_maximum
 from tests.gap.gap_examples import U, X, coulomb, gap_section, on_grid, smooth
 
 

@@ -17,11 +17,10 @@ from simgap.arrays import Floats
 from simgap.config.gap import GapSection
 from simgap.gap.lipschitz.grid import DimensionLipschitz, GridLipschitz, LipschitzRow, estimate, worse
 from simgap.gap.lipschitz.local import enclosed_constants
-from simgap.gap.memory.hidden_state import extrapolated_maximum
 from simgap.gap.sampling.samples import DimensionSamples
 from simgap.gap.sampling.values import Rows, Values
 from simgap.late import scipy
-from simgap.statistics import chi2
+from simgap.statistics import chi2, extrapolated_maximum
 
 _SHAPES = (1.0, 1e3)  # c >= 1: the likelihood is unbounded below it
 _FARTHEST = 1e6  # farthest location tried, in units of the spread of the maxima
