@@ -25,9 +25,9 @@ from simgap.gap.sampling.points import draw, product
 from simgap.geometry import Grid
 from simgap.plants.context import Context
 from simgap.plants.plant_model import PlantModel
-from simgap.simulators.mujoco_joints import MuJoCoSettings
+from simgap.simulators.mujoco import MuJoCoSettings
 from simgap.simulators.process import run_in_processes
-from simgap.simulators.pybullet_joints import PyBulletSettings
+from simgap.simulators.pybullet import PyBulletSettings
 from simgap.simulators.rollouts import roll_out
 
 ROOT = Path(__file__).parents[1]

@@ -24,7 +24,7 @@ from hostile.recordings import CSV
 
 RESULT = ROOT / "benchmarks/results/fuzz_guided.json"
 FOLLOWED = ["simgap.config.load", "simgap.config.load", "simgap.model.expressions", "simgap.model.tree",
-            "simgap.plants.urdf_checks", "simgap.io.documents", "simgap.io.recordings.csv_file",
+            "simgap.plants.urdf_checks", "simgap.io.documents", "simgap.io.recordings.text_file",
             "simgap.io.recordings.tables", "simgap.io.parquet", "simgap.units"]  # fmt: skip
 """Modules whose lines are followed: pure Python, for compiled kernels cannot be."""
 EXPRESSIONS = (b"-m*g*l*sin(x)/I - b*y", b"max(1, x^2) + min(y, 3)", b"atan(x/(1 + abs(y)))")

@@ -17,10 +17,11 @@ import numpy as np
 from scipy.stats import kstest, weibull_max
 
 from simgap.arrays import Floats
-from simgap.gap.lipschitz.estimates import ReverseWeibull, fit_reverse_weibull, profile_upper, top_spacing_upper
+from simgap.gap.lipschitz.estimates import ReverseWeibull, fit_reverse_weibull, profile_upper
 from simgap.gap.lipschitz.grid import estimate
 from simgap.gap.thresholds import GATE
 from simgap.geometry import Box, Grid
+from simgap.statistics import extrapolated_maximum
 
 BOX = Box([-1.0, -1.0], [1.0, 1.0])
 BLOCKS, PAIRS, RADIUS = 100, 100, 0.05
@@ -68,7 +69,7 @@ def one_repeat(function: Callable[[Floats], Floats], rng: np.random.Generator) -
         "EVT, scipy start": default.location,
         "EVT, multi-start": law.location,
         "profile 95 %": profile_upper(maxima, law),
-        "top-20 spacing": top_spacing_upper(slopes, 4),
+        "top-20 spacing": extrapolated_maximum(slopes, 4),
         "grid": found.euclidean,
         "ks_p": law.ks_p,
         "refused": float(found.ratio.max() > GATE),

@@ -136,10 +136,6 @@ MUTANTS: list[Mutant] = [
             "np.floor((hi - origin) / width)",
         ),
         ("infinite posts become cells", "if not (-largest < lo and hi < largest):", "if not (-largest < lo):"),
-    ),
-    *_of(
-        "synthesis/abstraction/post.py",
-        KERNELS,
         ("a group's gap ignores its last cell", "index[n - 1] += extra\n", "index[n - 1] += extra - 1\n"),
         (
             "a group's gap starts at its second cell",
@@ -171,10 +167,6 @@ MUTANTS: list[Mutant] = [
         ("the swept box may leave the slab", "0 <= q // words + clear_rows < rows", "True"),
         ("free cells are not looked at", "if word and clear_at >= 0:", "if word and clear_at < -1:"),
         ("a slab's neighbours are forgotten", "out[q] &= row[q]", "out[q] |= row[q]"),
-    ),
-    *_of(
-        "synthesis/games/row_waves.py",
-        WAVES,
         (
             "only the first input of equal moves is noted",
             "range(inputs_from[v], inputs_from[v + 1])",
@@ -226,7 +218,7 @@ MUTANTS: list[Mutant] = [
         ("boxes of four axes miss their last cells", "np.uint64(boxes[at + 7] + 1)", "np.uint64(boxes[at + 7])"),
     ),
     *_of(
-        "synthesis/abstraction/swept.py",
+        "synthesis/abstraction/intersample.py",
         KERNELS,
         (
             "swept boxes ignore the heading's error",
@@ -286,7 +278,7 @@ MUTANTS: list[Mutant] = [
         ("obstacles do not grow", "cells_meeting(grid, grown(box, keep))", "cells_meeting(grid, box)"),
     ),
     *_of(
-        "specifications/regions.py",
+        "specifications/space.py",
         KERNELS,
         ("cells that stick out lie within", "(low >= lo) & (high <= hi)", "(low >= lo) & (low <= hi)"),
         ("cells that are met by a part are free", "(high > lo) & (low < hi)", "(low > lo) & (low < hi)"),
@@ -360,6 +352,10 @@ MUTANTS: list[Mutant] = [
             "np.abs(responses - responses[-1]).max(axis=1)",
             "(responses - responses[-1]).max(axis=1)",
         ),
+    ),
+    *_of(
+        "statistics.py",
+        BOUNDS,
         ("nothing is extrapolated beyond the largest excess", "* r / (1.0 - r))", "* 0.0)"),
     ),
     *_of(
@@ -394,15 +390,7 @@ MUTANTS: list[Mutant] = [
         "gap/lipschitz/grid.py",
         BOUNDS,
         ("the change of slope is left out", "(first + turns(step, j, slab.grid, axes)) / (2.0", "first / (2.0"),
-    ),
-    *_of(
-        "gap/lipschitz/stencils.py",
-        BOUNDS,
         ("slopes look ahead alone", "return np.maximum(np.abs(forward), np.abs(backward))", "return np.abs(forward)"),
-    ),
-    *_of(
-        "gap/lipschitz/grid.py",
-        BOUNDS,
         (
             "the first end of a range decides its slopes",
             "np.maximum(getattr(a, name), getattr(b, name)) for name in",
@@ -426,6 +414,13 @@ MUTANTS: list[Mutant] = [
             "return self.upper if upper else -self.lower",
             "return self.lower if upper else -self.lower",
         ),
+        ("X has no upper faces", "np.array([domain.box.lo[j], domain.box.hi[j]])", "np.array([domain.box.lo[j]])"),
+        (
+            "surfaces have one side",
+            "parts += [_along(domain, function, j, every, fixed) for j in function.axes]",
+            "parts += []",
+        ),
+        ("rest is missed by a rounding error", "np.where((left <= 0.0) & (right >= 0.0), 0.0, root)", "root + 1e-18"),
     ),
     *_of(
         "gap/lipschitz/local.py",
@@ -471,23 +466,12 @@ MUTANTS: list[Mutant] = [
         ),
     ),
     *_of(
-        "split_conformal.py",
+        "statistics.py",
         BOUNDS,
         ("the rank is that of n scores", "math.ceil((n + 1) * level)", "math.ceil(n * level)"),
     ),
     *_of(
-        "gap/sampling/borders.py",
-        BORDERS,
-        ("X has no upper faces", "np.array([domain.box.lo[j], domain.box.hi[j]])", "np.array([domain.box.lo[j]])"),
-        (
-            "surfaces have one side",
-            "parts += [_along(domain, function, j, every, fixed) for j in function.axes]",
-            "parts += []",
-        ),
-        ("rest is missed by a rounding error", "np.where((left <= 0.0) & (right >= 0.0), 0.0, root)", "root + 1e-18"),
-    ),
-    *_of(
-        "judge.py",
+        "closed_loop.py",
         JUDGE,
         ("a level that stays is taken for one that falls", "(after < before)", "(after <= before)"),
         ("a step is held against the bound after its own input", "[REST, *r.inputs[:-1]]", "[*r.inputs]"),
@@ -542,17 +526,13 @@ MUTANTS: list[Mutant] = [
         ),
     ),
     *_of(
-        "specifications/toward.py",
+        "specifications/reaching.py",
         PLACES,
         (
             "a copy of the target begins at 0",
             "np.mod(x[:, j] - lo, period) <= hi - lo",
             "np.mod(x[:, j], period) <= hi - lo",
         ),
-    ),
-    *_of(
-        "specifications/toward.py",
-        PLACES,
         ("what just touches touches nothing", "np.flatnonzero(clearance <= 0.0)", "np.flatnonzero(clearance < 0.0)"),
         ("upper walls are not there", "np.minimum(at - self.walls[0], self.walls[1] - at)", "(at - self.walls[0])"),
         (

@@ -21,11 +21,11 @@ from simgap.arrays import Floats  # noqa: E402
 from simgap.diagnosis.diagnose import diagnose  # noqa: E402
 from simgap.diagnosis.record.record import Record, Trace  # noqa: E402
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings  # noqa: E402
-from simgap.excitation import multisine  # noqa: E402
 from simgap.extras.experiment.ask import Question  # noqa: E402
 from simgap.extras.experiment.propose import Wave  # noqa: E402
 from simgap.geometry import Box  # noqa: E402
 from simgap.model.symbolic import SymbolicModel  # noqa: E402
+from simgap.signals import multisine  # noqa: E402
 from tests.undeclared.nominals import nominal  # noqa: E402
 from tests.undeclared.plant import pendulum  # noqa: E402
 from tests.undeclared.rig import pendulum as swing  # noqa: E402

@@ -10,7 +10,7 @@ import numpy as np
 from growth import growth_abstraction
 
 from simgap.geometry import Box, Grid
-from simgap.specifications.regions import cells_meeting, cells_within, partial_box
+from simgap.specifications.space import cells_meeting, cells_within, partial_box
 
 PENDULUM = {  # cells: (winning cells, admissible (cell, input) pairs)
     (200, 100): (17_311, 420_269),

@@ -21,7 +21,7 @@ import pyarrow.parquet as pq
 import simgap
 from simgap.io.figure_style import COLOURS
 from simgap.io.traces import Trace, split
-from simgap.savitzky_golay import savgol_filter
+from simgap.signals import savgol_filter
 from simgap.simulators.rollouts import make_simulator
 
 ROOT = Path(__file__).parents[1]

@@ -236,7 +236,7 @@ def cart() -> Any:
     from simgap.model.expressions import parse
     from simgap.model.sampled import NominalModel
     from simgap.model.symbolic import symbol
-    from simgap.specifications.reach_avoid import ReachAvoid
+    from simgap.specifications.reaching import ReachAvoid
     from simgap.specifications.space import Space
     from simgap.synthesis.synthesise import SynthesisProblem, synthesise
     from tests.gap.fit_in_memory import GapSamples, fit_gap

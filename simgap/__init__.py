@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     from simgap.api import check, diagnose, load_gap, load_summary, new_case, run
     from simgap.config.load import load_case
     from simgap.errors import BrokenPromise, UserError
-    from simgap.io.controller_export import export_controller
-    from simgap.io.controller_file import load_controller
+    from simgap.io.controller_file import export_controller, load_controller
     from simgap.io.model_export import export_model
     from simgap.plants.plant_model import load_plant
 
@@ -39,7 +38,7 @@ __all__ = [
 _ROOMS = {
     "BrokenPromise": "errors",
     "UserError": "errors",
-    "export_controller": "io.controller_export",
+    "export_controller": "io.controller_file",
     "export_model": "io.model_export",
     "load_case": "config.load",
     "load_controller": "io.controller_file",

@@ -21,31 +21,34 @@ from typing import Any
 from simgap import reading
 from simgap.errors import UserError, excerpt
 
-_EFFECTS = (
-    "parameter_error", "gravity_tilt", "wheel_mismatch", "lateral_slip", "rolling_resistance", "viscous_friction",
-    "coulomb_friction", "stribeck_friction", "quadratic_drag", "spring", "cubic_spring", "cogging", "sensor_offset",
-    "input_lag", "input_saturation", "input_dead_zone", "input_bias", "input_gain", "input_delay", "reflected_inertia",
-    "constant_force", "directional_friction", "dahl_friction", "lugre_friction", "load_friction",
-    "input_directional_gain", "torque_speed_limit", "sensor_gain", "input_curve", "force_curve", "payload",
-    "joint_elasticity", "elasticity_behind_encoder", "backlash",
-)  # fmt: skip
-
-
-def _place_of_effect(name: str) -> str:
-    """The class `ViscousFriction` of the module `viscous_friction`."""
-    return f"simgap.effects.{name}:{''.join(word.capitalize() for word in name.split('_'))}"
-
+_EFFECTS = {
+    "parameter_error": "rigid_body:ParameterError", "gravity_tilt": "rigid_body:GravityTilt",
+    "wheel_mismatch": "wheels:WheelMismatch", "lateral_slip": "wheels:LateralSlip",
+    "rolling_resistance": "wheels:RollingResistance", "viscous_friction": "friction:ViscousFriction",
+    "coulomb_friction": "friction:CoulombFriction", "stribeck_friction": "friction:StribeckFriction",
+    "quadratic_drag": "friction:QuadraticDrag", "spring": "forces:Spring", "cubic_spring": "forces:CubicSpring",
+    "cogging": "forces:Cogging", "sensor_offset": "sensors:SensorOffset", "input_lag": "inputs:InputLag",
+    "input_saturation": "inputs:InputSaturation", "input_dead_zone": "inputs:InputDeadZone",
+    "input_bias": "inputs:InputBias", "input_gain": "inputs:InputGain", "input_delay": "inputs:InputDelay",
+    "reflected_inertia": "rigid_body:ReflectedInertia", "constant_force": "forces:ConstantForce",
+    "directional_friction": "friction:DirectionalFriction", "dahl_friction": "friction:DahlFriction",
+    "lugre_friction": "friction:LuGreFriction", "load_friction": "friction:LoadFriction",
+    "input_directional_gain": "inputs:InputDirectionalGain", "torque_speed_limit": "inputs:TorqueSpeedLimit",
+    "sensor_gain": "sensors:SensorGain", "input_curve": "inputs:InputCurve", "force_curve": "forces:ForceCurve",
+    "payload": "rigid_body:Payload", "joint_elasticity": "drive_train:JointElasticity",
+    "elasticity_behind_encoder": "drive_train:ElasticityBehindEncoder", "backlash": "drive_train:Backlash",
+}  # fmt: skip
 
 BUILT_IN: Mapping[str, Mapping[str, str]] = {
     "engines": {
-        "pybullet": "simgap.simulators.pybullet_joints:PyBulletJoints",
-        "pybullet_wheeled": "simgap.simulators.pybullet_wheeled:PyBulletWheeled",
-        "mujoco": "simgap.simulators.mujoco_joints:MuJoCoJoints",
+        "pybullet": "simgap.simulators.pybullet:PyBulletJoints",
+        "pybullet_wheeled": "simgap.simulators.pybullet:PyBulletWheeled",
+        "mujoco": "simgap.simulators.mujoco:MuJoCoJoints",
         "equations": "simgap.simulators.equations:EquationsEngine",
         "python": "simgap.simulators.python_function:PythonEngine",
         "drake": "simgap.extras.engines.drake_joints:DrakeJoints",
         "fmu": "simgap.extras.engines.fmu:FmuEngine",
-        "mujoco_wheeled": "simgap.simulators.mujoco_wheeled:MuJoCoWheeled",
+        "mujoco_wheeled": "simgap.simulators.mujoco:MuJoCoWheeled",
     },
     "bases": {
         "expressions": "simgap.gap.bases:Expressions",
@@ -53,14 +56,11 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "trigonometric": "simgap.gap.bases:Trigonometric",
         "blocks": "simgap.gap.bases:Blocks",
     },
-    "effects": {
-        **{name: _place_of_effect(name) for name in _EFFECTS},
-        "lugre_friction": "simgap.effects.lugre_friction:LuGreFriction",
-    },
+    "effects": {name: f"simgap.effects.{place}" for name, place in _EFFECTS.items()},
     "specifications": {
         "invariance": "simgap.specifications.invariance:Invariance",
-        "reach_avoid": "simgap.specifications.reach_avoid:ReachAvoid",
-        "reach_and_stay": "simgap.specifications.reach_and_stay:ReachAndStay",
+        "reach_avoid": "simgap.specifications.reaching:ReachAvoid",
+        "reach_and_stay": "simgap.specifications.reaching:ReachAndStay",
     },
 }
 DOORS: Mapping[str, str] = {

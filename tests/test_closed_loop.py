@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from simgap.closed_loop import Sensing, batch_loop, closed_loop, scalar_lookup
+from simgap.closed_loop import Sensing, batch_loop, closed_loop, scalar_lookup, split_by_run, steps_of, tallied
 from simgap.geometry import Box, Grid
-from simgap.judge import split_by_run, steps_of, tallied
+from simgap.specifications.base import Run
 from simgap.specifications.invariance import Inside
-from simgap.specifications.monitor import Run
 
 INPUTS = np.array([[-1.0], [0.0], [1.0]])
 

@@ -5,18 +5,17 @@ from dataclasses import replace
 import numpy as np
 import sympy as sp
 
+from simgap.closed_loop import LEFT, Judge, strays
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain
 from simgap.gap.bounds.previous import PreviousClasses
 from simgap.geometry import Box, Grid
-from simgap.judge import LEFT, Judge, strays
 from simgap.model.sampled import NominalModel
+from simgap.specifications.base import Run
 from simgap.specifications.invariance import Inside
-from simgap.specifications.monitor import Run
-from simgap.specifications.reach_avoid import Arriving
+from simgap.specifications.reaching import Arriving, Surroundings
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
-from simgap.specifications.toward import Surroundings
 
 PI = np.pi
 BOX = Box([0.0, 0.0, -PI], [6.0, 1.0, PI])

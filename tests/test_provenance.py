@@ -10,7 +10,7 @@ from simgap import plugins, provenance
 from simgap.config.load import load_case
 from simgap.config.model_files import named_by
 from simgap.config.reads import READS
-from simgap.config.rig import case_of_rig
+from simgap.config.run import case_of_rig
 from simgap.provenance import closure, code_digest, sections_digest, versions
 
 WHOLE = {"check", "diagnosis"}  # stages that read every key
@@ -160,7 +160,7 @@ def test_only_the_engine_of_the_case_counts(root):
     assert used(cases / "pendulum.yaml", "rollouts") == {"engines: pybullet"}
     assert used(cases / "pendulum_mujoco.yaml", "validation") == {"engines: mujoco", "specifications: invariance"}
     assert used(cases / "pendulum.yaml", "synthesis") == {"specifications: invariance"}
-    assert "simgap.simulators.pybullet_joints" not in closure("simgap.stages.rollouts")
+    assert "simgap.simulators.pybullet" not in closure("simgap.stages.rollouts")
 
 
 def test_the_version_of_the_engine_is_recorded(root):
@@ -181,7 +181,7 @@ def test_only_the_effects_of_the_case_count(vary):
 def test_another_engine_in_the_registry_changes_nothing(root, monkeypatch):
     path = root / "configs/cases/pendulum.yaml"
     before = code_digest("rollouts", load_case(path), path.parent)
-    more = {"engines": {**plugins.BUILT_IN["engines"], "another": "simgap.simulators.pybullet_wheeled:PyBulletWheeled"}}
+    more = {"engines": {**plugins.BUILT_IN["engines"], "another": "simgap.simulators.pybullet:PyBulletWheeled"}}
     monkeypatch.setattr(plugins, "BUILT_IN", {**plugins.BUILT_IN, **more})
     assert code_digest("rollouts", load_case(path), path.parent) == before
     path = root / "configs/cases/pendulum_mujoco.yaml"

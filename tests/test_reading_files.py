@@ -34,7 +34,7 @@ OWN = {
     "io/rerun/scene.py": "its `open` opens no file",
     "io/runs.py": "a lock",
     "extras/engines/fmu.py": "a lock on its own folder",
-    "io/shared_solution.py": "tables of its own scratch folder",
+    "io/controller_file.py": "tables of its own scratch folder",
     "stages/validation.py": "a table of its own scratch folder",
 }
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from simgap.split_conformal import attained, fewest, reach
+from simgap.statistics import attained, fewest, reach
 
 
 def test_the_rank_is_that_of_the_textbook():

@@ -1,7 +1,12 @@
 """All closed-loop attacks on one plant: every rule in turn from the worst starts, each run judged.
 
 A rule picks one of the admissible inputs, the worst in some sense: it gives every input a number and the largest is
-taken; equal ones are told apart at random. The plants are a simulator's, or the model with its disturbance.
+taken; equal ones are told apart at random. The plants are a simulator's, or the model with its disturbance. The starts
+are those that are won most narrowly, and a greedy adversary steers towards losing cells (`Danger`).
+
+At every sample the adversary takes any corner of the error box (or its middle) as the measurement, and any input that
+the controller admits there. If the controller has no input at one of these measurements, and is not at its end there,
+the promise is broken already.
 """
 
 from __future__ import annotations
@@ -11,22 +16,167 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from simgap.arrays import Bools, Floats, Ints
-from simgap.attack.danger import Danger, WorstStarts
-from simgap.attack.law import ControlLaw, Options
 from simgap.attack.share import KEPT, share
+from simgap.closed_loop import Judge, split_by_run
 from simgap.gap.bounds.function import GapFunction
-from simgap.judge import Judge, split_by_run
+from simgap.geometry import Grid, drawn_in_cells
 from simgap.plants.context import Context
 from simgap.simulators.base import Simulator
-from simgap.specifications.base import specification_of
-from simgap.specifications.monitor import Monitor, Run
+from simgap.specifications.base import Monitor, Run, specification_of
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
+from simgap.synthesis.input_sets import unpack
+
+
+@dataclass(frozen=True, eq=False)
+class Options:
+    """Choices of the adversary at one sample of n runs.
+
+    Attributes:
+        inputs: (n, M) admissible at some measurement. corner: (n, M) which measurement, the first that admits it.
+        stuck: (n,) corner without an input that is not the end, -1 where there is none.
+        ended: (n,) corner at which the run is over, -1 where there is none.
+    """
+
+    inputs: Bools
+    corner: Ints
+    stuck: Ints
+    ended: Ints
+
+
+@dataclass(frozen=True, eq=False)
+class ControlLaw:
+    """A solution with the error of what is measured, (nx,)."""
+
+    solution: Solution
+    inputs: Floats
+    error: Floats
+
+    @cached_property
+    def corners(self) -> Floats:
+        """The middle and the corners of the error box, (c, nx)."""
+        signs = [(-1.0, 1.0) if e > 0 else (0.0,) for e in self.error]
+        corners = np.array(list(itertools.product(*signs)), dtype=float) * self.error
+        return np.unique(np.concatenate([np.zeros((1, len(self.error))), corners]), axis=0)
+
+    @cached_property
+    def _ended(self) -> Bools:
+        """Measured cells at which a run is over, (cells,): asked for once, because it looks at all of them."""
+        return self.solution.ended if self.solution.target is not None else np.zeros(self.solution.grid.size, np.bool_)
+
+    def first(self, count: int) -> Ints:
+        """The memory of `count` runs before their first sample."""
+        return np.full(count, self.solution.first, dtype=np.int64)
+
+    def acting(self, memory: Ints, last: Ints) -> Ints:
+        """The input that acts now whatever is chosen, where inputs are late; else the `last` one, (n,) each."""
+        return self.applied(memory, np.zeros_like(memory))[0] if self.solution.late else last
+
+    def applied(self, memory: Ints, decided: Ints) -> tuple[Ints, Ints]:
+        """Inputs that act now, and the memory afterwards: (n,), (n,) -> (n,), (n,)."""
+        now, after = self.solution.step(memory, decided)
+        return np.asarray(now, np.int64), np.asarray(after, np.int64)
+
+    def options(self, x: Floats, memory: Ints) -> Options:
+        """At true states (n, nx) and memories (n,)."""
+        n, count = len(x), len(self.inputs)
+        inputs, corner = np.zeros((n, count), np.bool_), np.zeros((n, count), np.int64)
+        stuck, ended = np.full(n, -1, np.int64), np.full(n, -1, np.int64)
+        for c in range(len(self.corners) - 1, -1, -1):
+            own, over = self._at(x + self.corners[c], memory)
+            none = ~own.any(axis=1)
+            stuck[none & ~over], ended[none & over] = c, c
+            inputs |= own
+            corner[own] = c
+        return Options(inputs, corner, stuck, ended)
+
+    def _at(self, y: Floats, memory: Ints) -> tuple[Bools, Bools]:
+        """Admissible inputs (n, M) at measurements, and whether a run is over there (n,)."""
+        s = self.solution
+        cells = s.grid.index(y)
+        known = cells >= 0
+        rows = np.where(known, cells * s.memory + memory, 0)
+        admitted = unpack(s.admitted(len(self.inputs), rows), len(self.inputs)) & known[:, None]
+        return admitted, self._ended[np.where(known, cells, 0)] & known
+
+
+NOWHERE = 1e9  # outside the grid: nothing is nearer to losing
+
+
+@dataclass(frozen=True, eq=False)
+class Danger:
+    """Two measures over the cells, larger where it is worse.
+
+    Attributes:
+        grid: the cells. edge: (cells,) minus the distance to the nearest losing cell, in cells; the seam of a periodic
+            axis is taken for an end, which makes this a guide and no bound.
+        level: (cells,) worst-case steps to the target, None where nothing is to be reached.
+    """
+
+    grid: Grid
+    edge: NDArray[np.float32]
+    level: NDArray[np.float32] | None
+
+    @staticmethod
+    def of(solution: Solution) -> Danger:
+        """From a winning domain."""
+        from scipy.ndimage import distance_transform_edt
+
+        grid = solution.grid
+        inside = np.pad(
+            solution.winning.reshape(grid.cells), [(int(j not in grid.periodic),) * 2 for j in range(len(grid.cells))]
+        )
+        trimmed = tuple(slice(None) if j in grid.periodic else slice(1, -1) for j in range(len(grid.cells)))
+        edge = -np.asarray(distance_transform_edt(inside), np.float32)[trimmed].reshape(-1)
+        if solution.value is None:
+            return Danger(grid, edge, None)
+        level = solution.value.reshape(grid.size, -1).max(axis=1).astype(np.float32)
+        return Danger(grid, edge, np.where(level < 0, np.float32(NOWHERE), level))
+
+    def __call__(self, x: Floats, by_level: bool = False) -> Floats:
+        """Danger of states (..., nx): -> (...)."""
+        cells = self.grid.index(x.reshape(-1, x.shape[-1]))
+        field = self.level if by_level and self.level is not None else self.edge
+        return np.where(cells >= 0, field[cells], NOWHERE).reshape(x.shape[:-1]).astype(np.float64)
+
+
+NARROWEST = 0.02  # share of the cells, or all of the same number, from which narrow ones are drawn
+
+
+class WorstStarts:
+    """Cells in which a run does not end at once, by what makes them narrow; the `danger` is of the solution's cells.
+
+    A quarter of the starts each come from cells of the smallest `margin` (cells,) if it is known, from those at the
+    edge of the winning domain, from those of the greatest level, and from all of them.
+    """
+
+    def __init__(self, solution: Solution, margin: NDArray[np.float32] | None = None) -> None:
+        danger, cells = Danger.of(solution), solution.beginnings
+        fields = [danger.edge[cells]]
+        fields += [np.nan_to_num(-margin[cells], nan=-np.inf)] if margin is not None else []
+        fields += [danger.level[cells]] if danger.level is not None else []
+        self.danger = danger
+        self._pools = [cells, *(_cells_with_largest(cells, field) for field in fields)]
+
+    def draw(self, count: int, rng: np.random.Generator) -> Floats:
+        """States (count, nx): half of them at corners of their cells, a quarter on a face, a quarter inside."""
+        turns = rng.integers(0, len(self._pools), count)
+        chosen = np.array([rng.choice(self._pools[k]) for k in turns], dtype=np.int64)
+        return drawn_in_cells(self.danger.grid, chosen, rng, (0, 1))
+
+
+def _cells_with_largest(cells: Ints, field: NDArray[np.float32]) -> Ints:
+    """Cells whose number is among the largest."""
+    limit = np.quantile(field, 1.0 - NARROWEST, method="lower")
+    return cells[field >= limit]
+
 
 Bounds = Callable[[Floats, Floats, Ints], tuple[Floats, Floats]]
 Step = Callable[[Floats, Floats], Floats]

@@ -17,8 +17,7 @@ from typer.core import TyperGroup
 from typer.main import get_command_from_info
 from typer.models import CommandInfo
 
-from simgap.cli.options import Log, new_file, new_folder, start_log
-from simgap.cli.terminal import say
+from simgap.cli.terminal import Log, new_file, new_folder, say, start_log
 from simgap.stages.arguments import Argument
 
 SNAKEMAKE = {"allow_extra_args": True, "ignore_unknown_options": True}

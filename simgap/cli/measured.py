@@ -8,8 +8,7 @@ from typing import Annotated
 
 import typer
 
-from simgap.cli.options import AsJson, CasePath, Log, new_folder, start_log, values_of
-from simgap.cli.terminal import progress, say, say_json
+from simgap.cli.terminal import AsJson, CasePath, Log, new_folder, progress, say, say_json, start_log, values_of
 from simgap.errors import UserError
 from simgap.io.atomic import no_links_below
 

@@ -10,8 +10,19 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from simgap import reading
-from simgap.cli.options import AsJson, CasePath, Log, new_file, new_folder, start_log, values_of
-from simgap.cli.terminal import console, progress, say, say_json
+from simgap.cli.terminal import (
+    AsJson,
+    CasePath,
+    Log,
+    console,
+    new_file,
+    new_folder,
+    progress,
+    say,
+    say_json,
+    start_log,
+    values_of,
+)
 from simgap.cli.workflow import PACKAGE, workflow_file
 from simgap.errors import UserError, excerpt
 
@@ -178,8 +189,7 @@ def export(
     ],
 ) -> None:
     """Write a controller as a C header or a Python file, or the model of a case with its effects as a URDF or MJCF."""
-    from simgap.io.controller_export import export_controller
-    from simgap.io.controller_file import load_controller
+    from simgap.io.controller_file import export_controller, load_controller
     from simgap.io.model_export import export_model
 
     if what.suffix in (".yaml", ".yml"):

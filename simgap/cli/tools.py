@@ -18,8 +18,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from simgap import reading
-from simgap.cli.options import AsJson, CasePath, Log, Out, new_file, start_log, values_of
-from simgap.cli.terminal import console, say, say_json
+from simgap.cli.terminal import AsJson, CasePath, Log, Out, console, new_file, say, say_json, start_log, values_of
 from simgap.errors import UserError
 
 if TYPE_CHECKING:

@@ -9,14 +9,13 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from simgap.config.base import Gibibytes, Hours, Section
+from simgap.config.controller import AuditSection, SensingSection, SynthesisSection, ValidationSection
 from simgap.config.domain import DomainSection
 from simgap.config.gap import GapSection, GridSection, HiddenStateSection, SymmetrySection
 from simgap.config.measured import MeasuredSection
 from simgap.config.plant import PlantSection
 from simgap.config.plugged import Plugged
 from simgap.config.simulator import EngineSection, TwinSection
-from simgap.config.synthesis import SensingSection, SynthesisSection
-from simgap.config.validation import AuditSection, ValidationSection
 
 
 class BudgetSection(Section):

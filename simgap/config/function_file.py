@@ -1,18 +1,24 @@
-"""A person's function in a file beside the case, `my_sim.py:step`: found and hashed here, never run here.
+"""A person's Python files beside the case: a function (`my_sim.py:step`) is found and hashed here, never run here.
 
 Nothing of the file is executed: that it holds the function, and which neighbours it imports or names, is read from its
 syntax tree. The neighbours count as part of it, so that editing one makes again what the function made.
+
+Where a case is written again elsewhere, its plug-in files are copied there, under names that hold their content.
 """
 
 from __future__ import annotations
 
 import ast
+import hashlib
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from simgap import reading
+from simgap.config.case import Case
+from simgap.config.plugged import used_plugins
 from simgap.errors import UserError, excerpt
 
 KEY = "simulator.function"
@@ -114,3 +120,65 @@ def _tree(path: Path) -> ast.Module:
             + (f" (line {line})" if line is not None else ""),
             file=path,
         ) from None
+
+
+@dataclass(frozen=True)
+class CopiedPlugin:
+    """A plug-in file under its new name, and the key of the case that names it."""
+
+    section: tuple[str, ...]
+    key: str
+    named: str
+    file: str
+    content: bytes
+
+    @staticmethod
+    def of(path: Path, section: tuple[str, ...], key: str, attribute: str) -> CopiedPlugin:
+        """The file under a name that holds its content: it overwrites no other, and an edited one gets another name."""
+        content = reading.read_bytes(path)
+        new = f"{path.stem}-{hashlib.sha256(content).hexdigest()[:12]}.py"
+        return CopiedPlugin(section, key, f"{new}:{attribute}", new, content)
+
+
+def plugin_copies(case: Case, source: Path, folder: Path) -> tuple[CopiedPlugin, ...]:
+    """Files that have to stand in `folder` so that a copy of the case in `source` finds its plug-ins there.
+
+    A plug-in file may only stand beside the case that names it, so its path cannot be rewritten.
+    """
+    if reading.real(source) == reading.real(folder):
+        return ()
+    copies = []
+    for plugin in used_plugins(case):
+        file, _, attribute = plugin.name.rpartition(":")
+        if file.endswith(".py"):
+            copies.append(CopiedPlugin.of(source / file, tuple(plugin.place.split(".")), plugin.tag, attribute))
+    return (*copies, *_function(case, source))
+
+
+def _function(case: Case, source: Path) -> tuple[CopiedPlugin, ...]:
+    """The file of a simulator that is a Python function, under a name of its own.
+
+    Raises:
+        UserError: a file that needs others beside it: their names cannot be changed.
+    """
+    if case.simulator is None or case.simulator.engine != "python":
+        return ()
+    found = FunctionFile.find(getattr(case.simulator, "function", ""), source)
+    if found.neighbours:
+        raise UserError(
+            f"the simulator's file needs {', '.join(p.name for p in found.neighbours)}, which would be missing "
+            "beside a corrected case", file=found.path, key=KEY, remedy="Put what it needs into the one file.",
+        )  # fmt: skip
+    return (CopiedPlugin.of(found.path, ("simulator",), "function", found.name),)
+
+
+def with_plugin_copies(content: Mapping[str, Any], copies: tuple[CopiedPlugin, ...]) -> dict[str, Any]:
+    """The plain content of a case with the new names."""
+    new: dict[str, Any] = dict(content)
+    for copy in copies:
+        inner = new
+        for part in copy.section:
+            inner[part] = dict(inner[part])
+            inner = inner[part]
+        inner[copy.key] = copy.named
+    return new

@@ -51,7 +51,7 @@ from simgap.diagnosis.verdict.judge import (
     verdict,
 )
 from simgap.effects import EFFECTS, AppliedEffect
-from simgap.effects.sensor_gain import LINEAR, is_linear
+from simgap.effects.sensors import LINEAR, is_linear
 from simgap.model.symbolic import SymbolicModel
 from simgap.notation import joined
 

@@ -8,7 +8,7 @@ from typing import Literal
 
 from simgap.arrays import Floats
 from simgap.effects import AppliedEffect
-from simgap.effects.quoted import Quoted
+from simgap.effects.base import Quoted
 
 Verdict = Literal["none", "attributed", "partial", "unexplained"]
 Key = tuple[str, str]

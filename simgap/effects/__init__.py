@@ -1,4 +1,4 @@
-"""The library of physical effects: one a file, plug-ins of the group `effects`, all in `EFFECTS`.
+"""The library of physical effects by family: plug-ins of the group `effects`, all in `EFFECTS`.
 
 Several effects enter a model in the order of their ranks: plant, forces, sensors, and then the path of a command from
 the plant backwards, so that a command is delayed, amplified, shifted, loses its dead zone, is cut and then lags.

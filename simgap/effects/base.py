@@ -1,22 +1,110 @@
-"""What a physical effect is: a symbolic change of the model, with parameters, units, sign constraints and words.
+"""Base of the physical effects: a symbolic change of the model, with parameters, units, sign constraints and words.
 
 The one definition serves the fit, the corrected nominal model, the simulator's twin and the report. The few
-places that know an effect by name say why there.
+places that know an effect by name say why there. Beside it stand where a search for an effect begins (`Start`) and how
+a sentence quotes its numbers (`Quoted`).
 """
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, TypeAlias
 
-from simgap.effects.quoted import Quoted
-from simgap.effects.start import Scales, Start, multiple
 from simgap.errors import UserError
 from simgap.late import sympy as sp
 from simgap.model.symbolic import Parameter, PlanarWheels, SymbolicModel, Variable, symbol
+from simgap.notation import with_error
+
+
+@dataclass(frozen=True)
+class Quoted:
+    """Parameters as `diagnosis.json` holds them: symbol -> `value`, `ci95` (two ends, or None), `unit`."""
+
+    parameters: Mapping[str, Mapping[str, Any]]
+
+    def value(self, symbol: str) -> float:
+        """The number itself, in its unit."""
+        return float(self.parameters[symbol]["value"])
+
+    def number(self, symbol: str, scale: float = 1.0, unit: str | None = None) -> str:
+        """'0.19 ± 0.01 N m'; with `scale` in another `unit`."""
+        p = self.parameters[symbol]
+        return with_error(scale * self.value(symbol), scale * self._half(symbol), p["unit"] if unit is None else unit)
+
+    def deviation(self, symbol: str = "ratio") -> str:
+        """A ratio as a deviation from 1: 0.75 -> '25 ± 1 % below'; from 2 on as it is: '5.0 ± 0.1 times'."""
+        value = self.value(symbol)
+        if value >= 2.0:
+            return f"{with_error(value, self._half(symbol))} times"
+        side = "below" if value < 1.0 else "above"
+        return f"{with_error(100.0 * abs(value - 1.0), 100.0 * self._half(symbol))} % {side}"
+
+    def __getitem__(self, symbol: str) -> _Number:
+        """A number for a text with formats, such as '{mu:%}'."""
+        return _Number(self, symbol)
+
+    def _half(self, symbol: str) -> float:
+        lo, hi = (float(v) if v is not None else math.nan for v in self.parameters[symbol]["ci95"])
+        return (hi - lo) / 2
+
+
+@dataclass(frozen=True)
+class _Number:
+    """One of the numbers: as it is (times in milliseconds), in percent (%), in degrees (deg), off from 1 (off)."""
+
+    quoted: Quoted
+    symbol: str
+
+    def __format__(self, kind: str) -> str:
+        unit = "ms" if self.quoted.parameters[self.symbol]["unit"] == "s" and not kind else kind
+        if unit == "off":
+            return self.quoted.deviation(self.symbol)
+        scale = {"": 1.0, "ms": 1e3, "%": 100.0, "deg": 180.0 / math.pi}[unit]
+        return self.quoted.number(self.symbol, scale, unit or None)
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Typical sizes in a record, from which starts are taken.
+
+    Attributes:
+        interval: median sampling interval, s.
+        command: largest input that the effect would act on, or that drives its coordinate (1 for none).
+        speed: root mean square speed of the coordinate that it would act on (1 if it acts on none).
+        inertia: of that coordinate as declared, with all others free, where it stands at 0.
+        places: lowest and highest place where that coordinate was read (the same number twice if it was not).
+    """
+
+    interval: float
+    command: float = 1.0
+    speed: float = 1.0
+    inertia: float = 1.0
+    places: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Start:
+    """A map from `size` linear coefficients to parameter values; coefficients of 0 are the null.
+
+    Attributes:
+        size: number of coefficients.
+        point: coefficients -> value of every parameter symbol.
+        amplitude: coefficient at which the response is taken: small steps are chosen by whoever asks if this is
+            None (a derivative), 1 for a secant to a definite size of the effect.
+    """
+
+    size: int
+    point: Callable[[Sequence[float]], dict[str, float]]
+    amplitude: float | None = None
+
+
+def multiple(symbol: str, value: float) -> Start:
+    """A secant from 0 to a definite value of a one-parameter effect."""
+    return Start(1, lambda c: {symbol: max(c[0], 0.0) * value}, amplitude=1.0)
+
 
 Kind = Literal["coordinate", "input", "state", "parameter", "plant"]
 Values: TypeAlias = "Mapping[str, sp.Expr]"
@@ -77,7 +165,7 @@ class MjcfPlace:
 
 
 class Effect(ABC):
-    """A physical term that a model may lack; subclasses are final, one a file, and hold no state."""
+    """A physical term that a model may lack; subclasses are final and hold no state."""
 
     name: ClassVar[str]
     kind: ClassVar[Kind]

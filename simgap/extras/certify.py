@@ -32,7 +32,7 @@ from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.specifications.base import specification_of
 from simgap.specifications.invariance import Invariance
-from simgap.specifications.reach_avoid import ReachAvoid
+from simgap.specifications.reaching import ReachAvoid
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 from simgap.stages import log

@@ -15,9 +15,6 @@ STEEP_SHARE = 0.5
 NOMINAL_TOLERANCE = 1e-9
 """Largest deviation of a nominal step from the symmetry that a case names; well above rounding, below any real one."""
 
-BEYOND_CONFIDENCE = 0.95
-"""Confidence of the limit beyond the largest excess of random sequences, in the bound over hidden state."""
-
 SMALL_INFLUENCE = 0.005
 """Share of the gap's sup below which a rise of the influence of older inputs with their age is no finding: the largest
 of some hundreds of differences is only known that well. An engine that lost contacts rose by a fiftieth."""

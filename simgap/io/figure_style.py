@@ -14,7 +14,7 @@ from simgap.io.atomic import atomic, write_text
 from simgap.io.pages import folder
 from simgap.io.traces import BASELINE, GAP_AWARE, NOMINAL
 from simgap.notation import one_line, printable, superscript
-from simgap.specifications.picture import Look
+from simgap.specifications.base import Look
 
 # Okabe & Ito (2008), Color Universal Design
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from simgap.config.case import Case
-from simgap.config.validation import AuditSection
+from simgap.config.controller import AuditSection
 from simgap.errors import UserError
 from simgap.gap.sampling.borders import checked_at_most, thinned_count
 from simgap.gap.sampling.points import covering_grid, covering_point, free_axes, own_point

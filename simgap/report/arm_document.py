@@ -13,7 +13,7 @@ from simgap.diagnosis.record.survey import Survey
 from simgap.diagnosis.record.traces import Reading
 from simgap.diagnosis.verdict import words
 from simgap.effects import effect
-from simgap.effects.quoted import Quoted
+from simgap.effects.base import Quoted
 from simgap.model.tree import Tree
 from simgap.notation import joined
 from simgap.report.diagnosis_document import effect_entry, explained_error

@@ -6,14 +6,13 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from simgap.config.validation import Trials
+from simgap.config.controller import Trials
 from simgap.gap.fitting.acceptance import Outside, clopper_pearson_upper
 from simgap.io.traces import BASELINE, EVERY_TITLE, GAP_AWARE, NOMINAL, SIMULATOR
 from simgap.notation import number
 from simgap.report import adversary, tables
 from simgap.report.material import Material
-from simgap.specifications.base import specification_of
-from simgap.specifications.monitor import STUCK
+from simgap.specifications.base import STUCK, specification_of
 
 LITTLE = 2
 """Steps to the target, at the most, of a controller that is said to win next to nothing (judgement)."""

@@ -12,12 +12,9 @@ from pydantic import Field
 from simgap.arrays import Bools, Floats
 from simgap.config.base import Interval
 from simgap.geometry import Box
-from simgap.specifications.base import Game, Specification, Words
-from simgap.specifications.monitor import Always, Monitor
-from simgap.specifications.picture import Look, projected, rectangle
-from simgap.specifications.regions import inner_box, unbounded
+from simgap.specifications.base import Always, Game, Look, Monitor, Specification, Words, projected, rectangle
 from simgap.specifications.solution import Solution
-from simgap.specifications.space import Space
+from simgap.specifications.space import Space, inner_box, unbounded
 
 
 class Invariance(Specification):

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from simgap.config.validation import Trials
+from simgap.config.controller import Trials
 
 
 @dataclass(frozen=True)

@@ -14,20 +14,21 @@ from pathlib import Path
 from simgap.errors import Finding
 from simgap.gap.sampling.points import covering_grid, own_point
 from simgap.io.documents import write_json
-from simgap.lint.angles import affordable_or_degrees, find_degrees, refuse_seams
 from simgap.lint.controller import refuse_free_path, refuse_specification
 from simgap.lint.costs import StageCost, affordable, costs, duration, pair_seconds, size
-from simgap.lint.engine import model_file, of_engine
+from simgap.lint.engine import BOLTED, find_bolted_base, find_other_wheel_sizes, model_file, of_engine
 from simgap.lint.equations import (
+    affordable_or_degrees,
+    find_degrees,
     find_heavy_steps,
     find_long_steps,
     find_mixed_units,
     find_wrong_dimensions,
     refuse_prefixes,
+    refuse_seams,
 )
 from simgap.lint.gap import find_jumps_at_rest, find_stuck_joints, refuse_basis, refuse_few_cells
 from simgap.lint.measured import check_measured, find_missing_coordinates
-from simgap.lint.wheels import BOLTED, find_bolted_base, find_other_wheel_sizes
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.stages import log

@@ -15,8 +15,8 @@ import yaml
 from simgap import reading
 from simgap.arrays import Floats
 from simgap.config.case import Case
-from simgap.config.copied_plugins import plugin_copies, with_plugin_copies
 from simgap.config.domain import InputSet
+from simgap.config.function_file import plugin_copies, with_plugin_copies
 from simgap.config.load import case_content, parse_case
 from simgap.config.model_files import move_files
 from simgap.config.plant import AddedEffect

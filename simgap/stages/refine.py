@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.config.synthesis import SynthesisSection
+from simgap.config.controller import SynthesisSection
 from simgap.errors import UserError
 from simgap.gap.bases import Blocks
 from simgap.gap.fitting.linear_fit import listed_basis

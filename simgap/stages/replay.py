@@ -11,6 +11,7 @@ from simgap import reading
 from simgap.arrays import Floats
 from simgap.attack.witness import SIMULATOR as ON_SIMULATOR
 from simgap.attack.witness import STEP, Witness
+from simgap.closed_loop import GapAudit
 from simgap.config.case import Case
 from simgap.errors import UserError
 from simgap.gap.bounds.body_frame import BodyFrameGap
@@ -20,7 +21,6 @@ from simgap.geometry import nearest_inputs
 from simgap.io.documents import read_json
 from simgap.io.rerun.closed_loop import write_witness
 from simgap.io.traces import GAP_AWARE, MODEL, SIMULATOR, Trace
-from simgap.judge import GapAudit
 from simgap.notation import pretty_unit
 from simgap.plants.context import Context, pose_axes
 from simgap.simulators.body_samples import REST, to_body

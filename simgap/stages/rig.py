@@ -8,13 +8,13 @@ from typing import Annotated
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.config.rig import Rig, case_of_rig, load_rig
+from simgap.config.run import Rig, case_of_rig, load_rig
 from simgap.errors import UserError
-from simgap.excitation import multisine
 from simgap.io.parquet import table, write_parquet
 from simgap.late import pyarrow as pa
 from simgap.plants.context import Context
 from simgap.provenance import provenance
+from simgap.signals import multisine
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import follow
 from simgap.stages import log

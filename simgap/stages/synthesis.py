@@ -33,8 +33,7 @@ from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 from simgap.stages import log
 from simgap.stages.arguments import CasePath, Option, Out
-from simgap.synthesis.abstraction.intersample import Flow, excursion, flow_of
-from simgap.synthesis.abstraction.swept import SweptCells, planar_swept_cells
+from simgap.synthesis.abstraction.intersample import Flow, SweptCells, excursion, flow_of, planar_swept_cells
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.explain import GammaParts, explain
 from simgap.synthesis.games.game import PreviousBounds

@@ -4,33 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
 from simgap.arrays import Floats, Ints
-from simgap.closed_loop import Sensing, batch_loop, closed_loop
+from simgap.closed_loop import Judge, Sensing, batch_loop, closed_loop
 from simgap.config.case import Case
+from simgap.config.controller import Trials, ValidationSection
 from simgap.config.reads import CONTROLLED
-from simgap.config.validation import Trials, ValidationSection
 from simgap.errors import BrokenPromise, UserError
 from simgap.geometry import drawn_in_cells
 from simgap.io.controller_file import load_controller_of
 from simgap.io.documents import write_json
 from simgap.io.gap_file import load_gap
+from simgap.io.mapped import Mapped, scratch_folder
 from simgap.io.parquet import write_parquet
-from simgap.io.shared_solution import SharedSolution, scratch_folder
 from simgap.io.traces import BASELINE, GAP_AWARE, MODEL, NOMINAL, SIMULATOR, Trace, to_table
-from simgap.judge import Judge
 from simgap.late import pyarrow as pa
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.process import EnginePool, engine_pool
-from simgap.specifications.base import specification_of
-from simgap.specifications.monitor import Run, Verdict
+from simgap.specifications.base import Run, Verdict, specification_of
 from simgap.specifications.space import Space
 from simgap.stages import log
 from simgap.stages.arguments import CasePath, Gap, GapAwareController, HowMany, NominalController, Option, Out, Workers
@@ -132,11 +129,10 @@ def _short(figures: dict[str, Any]) -> dict[str, Any]:
 
 
 def _submitted(
-    pool: EnginePool, context: Context, controller: Controller, starts: Floats, folder: Path
+    pool: EnginePool, context: Context, controller: Controller, starts: Floats, tables: Path
 ) -> list[Future[list[Run]]]:
-    """Runs of a controller, a chunk a job; its tables go to the folder."""
-    folder.mkdir()
-    shared = Shared.of(controller, folder)
+    """Runs of a controller, a chunk a job; its tables go to the file."""
+    shared = Mapped.of(controller, tables)
     chunks = [starts[k : k + CHUNK] for k in range(0, len(starts), CHUNK)]
     return [pool.submit(simulate_chunk, context.case, context.folder, shared, x, k) for k, x in enumerate(chunks)]
 
@@ -149,29 +145,7 @@ def _simulated(jobs: Sequence[Future[list[Run]]], count: int) -> Iterator[Run]:
             log.info("simulated %d of %d runs", min((k + 1) * CHUNK, count), count)
 
 
-@dataclass(frozen=True)
-class Shared:
-    """A controller whose tables lie in files, its choices among them; two are the same if their files are."""
-
-    choice: Path
-    solution: SharedSolution = field(compare=False)
-    rest: Controller = field(compare=False)
-
-    @staticmethod
-    def of(controller: Controller, folder: Path) -> Shared:
-        """Write the tables; the folder must outlive every process that reads them."""
-        solution, choice = SharedSolution.of(controller.solution, folder), folder / "choice.npy"
-        np.save(choice, controller.choice)
-        return Shared(choice, solution, replace(controller, solution=solution.rest))
-
-    @lru_cache(maxsize=1)  # noqa: B019 - a worker's chunks are all of one controller
-    def read(self) -> Controller:
-        """The controller, its tables mapped and read-only."""
-        whole = replace(self.rest, solution=self.solution.read())
-        return whole.choosing(np.load(self.choice, mmap_mode="r"))
-
-
-def simulate_chunk(case: Case, folder: Path, shared: Shared, starts: Floats, chunk: int) -> list[Run]:
+def simulate_chunk(case: Case, folder: Path, shared: Mapped[Controller], starts: Floats, chunk: int) -> list[Run]:
     """Run in an engine's process, from starts (n, nx)."""
     from simgap.simulators.rollouts import make_simulator
 

@@ -12,7 +12,7 @@ from simgap.gap.sampling.points import own_point
 from simgap.io.controller_file import load_controller_of
 from simgap.plants.context import Context
 from simgap.stages.synthesis import pose_problem
-from simgap.synthesis.why import why
+from simgap.synthesis.explain import why
 
 
 def run(case: Path, at: Mapping[str, float], results: Path | None = None) -> tuple[str, ...]:

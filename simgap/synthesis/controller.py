@@ -12,7 +12,7 @@ broken by the order of the input set. `middle` takes the median of the admissibl
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -91,11 +91,9 @@ class Controller:
             return _middle(self.solution.mask, len(self.input_set))
         return preferred(self.solution.mask, least_effort(self.input_set))
 
-    def choosing(self, choice: NDArray[np.int16]) -> Controller:
-        """The same controller, whose `choice` was made before, by another process."""
-        same = replace(self)
-        vars(same)["choice"] = choice
-        return same
+    def __getstate__(self) -> dict[str, Any]:
+        """What another process gets: the choices go along, so that they are made once."""
+        return {**vars(self), "choice": self.choice}
 
     def cell(self, x: ArrayLike) -> Ints:
         """Cells of measured states: (n, nx) or (nx,) -> (n,), -1 outside, and farther away than turns can be counted.

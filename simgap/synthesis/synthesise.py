@@ -16,9 +16,9 @@ from simgap.specifications.base import Game, Specification
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 from simgap.synthesis.abstraction.cells import Abstraction
+from simgap.synthesis.abstraction.intersample import SweptCells
 from simgap.synthesis.abstraction.nominal import nominal_abstraction
 from simgap.synthesis.abstraction.post import Kernel
-from simgap.synthesis.abstraction.swept import SweptCells
 from simgap.synthesis.controller import least_effort
 from simgap.synthesis.games.game import MeasuredGame, PreviousBounds, one_input_only
 from simgap.synthesis.games.pending import LateGame

@@ -6,8 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from simgap.attack.histories import worst_histories
-from simgap.attack.points import GapProblem, PointSearch
+from simgap.attack.worst_step import GapProblem, PointSearch, worst_histories
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain
 from simgap.gap.bounds.previous import PreviousClasses
@@ -16,8 +15,8 @@ from simgap.geometry import Box, Grid
 from simgap.plants.context import Context
 from simgap.simulators.body_samples import REST, BodySamples
 from simgap.specifications.solution import Solution
-from simgap.stages import margins
-from simgap.stages.margins import margins_of
+from simgap.stages import audit
+from simgap.stages.audit import margins_of
 
 FRICTION = [{"name": "coulomb_friction", "on": "hinge", "parameters": {"F_c": 0.01}}]
 
@@ -136,5 +135,5 @@ def test_margins_that_cannot_be_had_say_why(vary, monkeypatch):
     every, mask = np.ones(grid.size, np.bool_), np.full((grid.size * count, 4), 255, np.uint8)
     solution = Solution(grid, every, mask, every, memory=count, late=True)
     assert "run the synthesis again" in margins_of(context, None, solution)
-    monkeypatch.setattr(margins, "LARGEST_TABLES", 1000)
+    monkeypatch.setattr(audit, "LARGEST_TABLES", 1000)
     assert "25 sets of cells reaches would take 0.0 GB" in margins_of(context, None, solution)

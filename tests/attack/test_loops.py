@@ -4,14 +4,11 @@ import numpy as np
 import pytest
 from scipy.ndimage import distance_transform_edt
 
-from simgap.attack.campaign import LENGTH, Opponent, Scene, WorstDisturbance, campaign
-from simgap.attack.danger import Danger, WorstStarts
-from simgap.attack.law import ControlLaw
-from simgap.closed_loop import batch_loop
+from simgap.attack.campaign import LENGTH, ControlLaw, Danger, Opponent, Scene, WorstDisturbance, WorstStarts, campaign
+from simgap.closed_loop import Judge, batch_loop
 from simgap.geometry import Box, Grid
-from simgap.judge import Judge
 from simgap.specifications.invariance import Inside
-from simgap.specifications.reach_and_stay import ReachAndStay
+from simgap.specifications.reaching import ReachAndStay
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 from simgap.stages.validation import draw_starts

@@ -15,9 +15,9 @@ from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain
 from simgap.gap.bounds.previous import PreviousClasses
 from simgap.geometry import Box
-from simgap.specifications.reach_avoid import ReachAvoid
+from simgap.specifications.reaching import ReachAvoid
 from simgap.specifications.space import Space
-from simgap.synthesis.abstraction.swept import planar_swept_cells
+from simgap.synthesis.abstraction.intersample import planar_swept_cells
 from simgap.synthesis.games.game import PreviousBounds
 from simgap.synthesis.synthesise import SynthesisProblem, synthesise
 from tests.checker.checker_runs import change, run

@@ -9,8 +9,7 @@ from rich.table import Table
 
 import simgap
 from simgap.cli import main
-from simgap.cli.options import start_log
-from simgap.cli.terminal import console, say
+from simgap.cli.terminal import console, say, start_log
 
 WORDS = "a[/x] :cat: \x1b[2J\r\u202e\udc80\x9b"
 TOLD = r"a[/x] :cat: \x1b[2J\r\u202e\udc80\x9b"

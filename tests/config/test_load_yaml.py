@@ -4,7 +4,7 @@ import pytest
 
 from simgap.cli import main
 from simgap.config.load import DEEPEST, LARGEST, load_case, read_yaml
-from simgap.config.rig import load_rig
+from simgap.config.run import load_rig
 from simgap.errors import UserError
 
 

@@ -19,7 +19,7 @@ from simgap.diagnosis.simulation.supermodel import cached_supermodel
 from simgap.diagnosis.verdict.judge import Evidence, HeldOut, verdict
 from simgap.diagnosis.verdict.score import Errors, Gain
 from simgap.effects import EFFECTS
-from simgap.effects.quoted import Quoted
+from simgap.effects.base import Quoted
 from tests.diagnosis.plants import block, point_pendulum
 from tests.undeclared.rig import dry_friction, pendulum
 

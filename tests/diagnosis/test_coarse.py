@@ -17,7 +17,7 @@ from simgap.diagnosis.simulation.coarse import SEARCH_ROWS, coarse
 from simgap.diagnosis.simulation.problem import Memo, Problem, build_problem
 from simgap.diagnosis.simulation.supermodel import cached_supermodel
 from simgap.model.symbolic import SymbolicModel
-from simgap.plants.declared import declared_model
+from simgap.plants.plant_model import declared_model
 from tests.diagnosis.plants import point_pendulum
 
 NOISE = np.array([1e-3, 1e-2])

@@ -14,14 +14,13 @@ from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.simulation.parts import parts_of
 from simgap.effects import AppliedEffect
-from simgap.excitation import multisine
 from simgap.extras.experiment.ask import Question, as_usable, ask, halves, shortest, windows_to_come
-from simgap.extras.experiment.beside import beside
-from simgap.extras.experiment.propose import Wave, tried, waves
+from simgap.extras.experiment.propose import Wave, beside, tried, waves
 from simgap.extras.experiment.rivals import known_rivals, margins
-from simgap.extras.experiment.words import paragraph
+from simgap.extras.next import paragraph
 from simgap.geometry import Box
 from simgap.model.symbolic import Coordinate, NamedParameter, Parameter, SymbolicModel, Variable, symbol
+from simgap.signals import multisine
 
 RATE, SIGMA, MASS = 50.0, 1e-3, 2.0
 VISCOUS, SPRING = 0.3, 1.5

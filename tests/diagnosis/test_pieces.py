@@ -6,7 +6,7 @@ from scipy.signal import lfilter
 from scipy.stats import norm
 
 from simgap.diagnosis.verdict.conformal_bound import Sizes, bound, memory, pieces
-from simgap.split_conformal import attained
+from simgap.statistics import attained
 
 LEVEL = 0.95
 

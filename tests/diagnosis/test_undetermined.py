@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from simgap.diagnosis.search.confidence import undetermined
-from simgap.effects.cogging import Cogging
-from simgap.effects.coulomb_friction import CoulombFriction
-from simgap.effects.dahl_friction import DahlFriction
-from simgap.effects.stribeck_friction import StribeckFriction
+from simgap.effects.forces import Cogging
+from simgap.effects.friction import CoulombFriction, DahlFriction, StribeckFriction
 
 
 @pytest.mark.parametrize(("width", "error", "loose"), [(0.05, 0.04, True), (0.05, 0.01, False)])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from simgap.effects.force_curve import ForceCurve
+from simgap.effects.forces import ForceCurve
 
 Q, V = sp.Symbol("q", real=True), sp.Symbol("v", real=True)
 PLACES = np.linspace(-0.5, 2.0, 11)

@@ -14,17 +14,16 @@ from simgap.gap.bounds.function import GapDomain, Tier
 from simgap.gap.bounds.previous import PreviousClasses
 from simgap.gap.fitting.acceptance import check_fresh, clopper_pearson_upper, covering_remainder
 from simgap.gap.fitting.cell_fit import NodeFit
-from simgap.gap.lipschitz.grid import GridLipschitz, estimate, worse
-from simgap.gap.lipschitz.stencils import bends, steps, to_cells
+from simgap.gap.lipschitz.grid import GridLipschitz, bends, estimate, steps, to_cells, worse
 from simgap.gap.memory.bound import Robot, assemble_hulls
 from simgap.gap.memory.fit import HistoryInfluence, HullFit, Widened, fit_hull
-from simgap.gap.memory.hidden_state import extrapolated_maximum, fading, hull
+from simgap.gap.memory.hidden_state import fading, hull
 from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
 from simgap.gap.sampling.symmetry import SymmetryDeviation
 from simgap.gap.sampling.values import Held
 from simgap.geometry import Box, Grid
 from simgap.simulators.body_samples import BodySamples
-from simgap.split_conformal import reach
+from simgap.statistics import extrapolated_maximum, reach
 from tests.gap.gap_examples import gap_section
 
 U = np.array([[-1.0], [0.5]])

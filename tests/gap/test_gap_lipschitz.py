@@ -8,7 +8,7 @@ from scipy.stats import weibull_max
 
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.fitting.bound_fit import check_resolved, fit_dimension
-from simgap.gap.lipschitz.estimates import dimension_lipschitz, fit_reverse_weibull, profile_upper, top_spacing_upper
+from simgap.gap.lipschitz.estimates import dimension_lipschitz, fit_reverse_weibull, profile_upper
 from simgap.gap.lipschitz.grid import DimensionLipschitz, GridLipschitz, estimate, roughness
 from simgap.gap.lipschitz.local import FitSlopes, LocalPadding, OffGrid
 from simgap.gap.sampling.borders import Borders
@@ -16,6 +16,7 @@ from simgap.gap.sampling.samples import SampleGrid
 from simgap.gap.sampling.values import Held
 from simgap.geometry import Box, Grid
 from simgap.io.spilled_numbers import room_in
+from simgap.statistics import extrapolated_maximum
 from tests.gap.gap_examples import U, X, coulomb, gap_section, on_grid, smooth
 
 
@@ -201,12 +202,12 @@ def test_the_spacing_limit_lies_beyond_the_largest_slope():
     b = np.clip(a + rng.uniform(-0.03, 0.03, a.shape), X.lo, X.hi)
     g = [2.0 * x[:, 0] + np.sin(x[:, 1]) for x in (a, b)]
     slopes = np.abs(g[0] - g[1]) / np.linalg.norm(a - b, axis=1)
-    assert top_spacing_upper(slopes, 4) >= np.hypot(2.0, 1.0) >= slopes.max()
+    assert extrapolated_maximum(slopes, 4) >= np.hypot(2.0, 1.0) >= slopes.max()
 
 
 def in_pieces(monkeypatch, tmp_path):
     """From here on a layer of cells and an input at a time, from files."""
-    monkeypatch.setattr("simgap.gap.lipschitz.stencils.PIECE", 1)
+    monkeypatch.setattr("simgap.gap.lipschitz.grid.PIECE", 1)
     return room_in(tmp_path, held=0)
 
 

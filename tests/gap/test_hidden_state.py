@@ -13,18 +13,11 @@ from simgap.gap.fitting.acceptance import FreshCheck, check_sequences, confirmed
 from simgap.gap.fitting.dimension_fit import deterministic_tier
 from simgap.gap.memory.bound import Robot, assemble_hulls
 from simgap.gap.memory.fit import HistoryInfluence, HullFit, fit_hull
-from simgap.gap.memory.hidden_state import (
-    check_fading,
-    extrapolated_maximum,
-    fading,
-    hull,
-    previous_inputs,
-    random_sequences,
-    tolerance_of,
-)
+from simgap.gap.memory.hidden_state import check_fading, fading, hull, previous_inputs, random_sequences, tolerance_of
 from simgap.gap.memory.search import BoundTable, search
 from simgap.geometry import Box
 from simgap.simulators.body_samples import REST, BodySamples
+from simgap.statistics import extrapolated_maximum
 
 V, W = np.round(np.arange(-5, 6) * 0.1, 12), np.round(np.arange(-4, 5) * 0.25, 12)
 U = np.array([(v, w) for v in V for w in W])

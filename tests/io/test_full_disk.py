@@ -63,7 +63,7 @@ import errno, logging, os, sys
 from pathlib import Path
 from simgap.cli import main
 from simgap.cli.commands import app
-from simgap.cli.options import start_log
+from simgap.cli.terminal import start_log
 
 @app.command()
 def fill():

@@ -12,6 +12,7 @@ from simgap.config.load import load_case
 from simgap.errors import UserError
 from simgap.io.documents import read_json, write_json
 from simgap.model.expressions import parse
+from simgap.plants.model_file import read_model_file
 from simgap.plants.urdf_checks import check_urdf
 
 ROOT = Path(__file__).parents[2]
@@ -58,7 +59,8 @@ def damaged(text, edits):
 def test_a_damaged_case(tmp_path, edits):
     path = tmp_path / "case.yaml"
     path.write_bytes(damaged(CASE, edits).encode(errors="surrogatepass"))
-    only_user_errors(path, lambda: load_case(path))
+    found = only_user_errors(path, lambda: load_case(path))
+    assert found is None or found == load_case(path)
 
 
 @seeded(250)
@@ -66,7 +68,8 @@ def test_a_damaged_case(tmp_path, edits):
 def test_a_damaged_urdf(tmp_path, edits):
     path = tmp_path / "model.urdf"
     path.write_bytes(damaged(URDF, edits).encode(errors="surrogatepass"))
-    only_user_errors(path, lambda: check_urdf(path))
+    found = only_user_errors(path, lambda: (check_urdf(path), read_model_file(path))[1])
+    assert found is None or found.links
 
 
 LEAVES = st.sampled_from(

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from simgap.cli import main
-from simgap.cli.options import start_log
+from simgap.cli.terminal import start_log
 from simgap.errors import UserError
 from simgap.io.atomic import no_links_below, write_text
 from simgap.io.documents import write_json

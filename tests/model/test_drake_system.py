@@ -6,8 +6,8 @@ import sympy as sp
 
 from simgap.errors import UserError
 from simgap.model.compile import compile_kernel
-from simgap.model.drake_system import symbolic_plant
 from simgap.model.symbolic import Parameter, SymbolicModel, Variable, symbol
+from simgap.plants.drake_check import symbolic_plant
 from tests.drake_numbers import time_derivatives
 
 x, y, th, v, w, b = (symbol(n) for n in ("x", "y", "theta", "v", "w", "b"))

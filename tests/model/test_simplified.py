@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 import sympy as sp
 
-from simgap.model.simplified import simplified
 from simgap.model.symbolic import symbol
+from simgap.plants.equations_of_motion import simplified
 
 Q, M = symbol("q"), symbol("rod.m")
 MATRIX = sp.Matrix([[sp.sin(Q) ** 2 + sp.cos(Q) ** 2, sp.Rational(1, 3) * M * (Q + 1)], [0, Q / M]])

@@ -15,7 +15,7 @@ from simgap.diagnosis.result import DiagnosisSettings
 from simgap.effects import EFFECTS
 from simgap.errors import UserError
 from simgap.model.symbolic import symbol
-from simgap.plants.declared import declared_model
+from simgap.plants.plant_model import declared_model
 
 CART, POLE, LENGTH, GRAVITY = 1.0, 0.3, 0.5, 9.81
 DRAG = 0.6  # N s/m, what the declared model lacks

@@ -1,4 +1,4 @@
-"""What CONTRIBUTING says of an effect: one file and its name in the registry, and every room has it."""
+"""What CONTRIBUTING says of an effect: one class and its name in the registry, and every room has it."""
 
 import math
 import re
@@ -16,7 +16,7 @@ from simgap.diagnosis.verdict.words import describe, phrase
 from simgap.plants.plant_model import PlantModel
 from simgap.simulators.commands import CommandPath
 from simgap.simulators.joints import JointPlant, joint_forces
-from simgap.simulators.mujoco_joints import MuJoCoJoints
+from simgap.simulators.mujoco import MuJoCoJoints
 from simgap.stages.effects import listed, printed
 from tests.undeclared.plant import pendulum
 
@@ -45,7 +45,7 @@ MEMORY = '''
 
 from simgap.effects.base import EffectParameter
 from simgap.effects.commands import MemoryInputEffect
-from simgap.effects.start import multiple
+from simgap.effects.base import multiple
 
 
 class SlowDrive(MemoryInputEffect):
@@ -75,7 +75,7 @@ BRISTLES = '''
 import sympy as sp
 
 from simgap.effects.base import EffectParameter, MemoryForceEffect
-from simgap.effects.start import Start
+from simgap.effects.base import Start
 
 
 class SoftBristles(MemoryForceEffect):

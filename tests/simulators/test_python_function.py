@@ -5,8 +5,7 @@ import time
 import numpy as np
 import pytest
 
-from simgap.config.copied_plugins import plugin_copies
-from simgap.config.function_file import FunctionFile
+from simgap.config.function_file import FunctionFile, plugin_copies
 from simgap.config.load import load_case
 from simgap.errors import SimgapError, UserError
 from simgap.provenance import sections_digest

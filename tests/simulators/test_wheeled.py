@@ -8,10 +8,10 @@ import pytest
 
 from simgap.config.load import load_case
 from simgap.errors import UserError
-from simgap.lint.wheels import find_other_wheel_sizes
+from simgap.lint.engine import find_other_wheel_sizes
 from simgap.plants.context import Context
 from simgap.simulators.process import run_in_processes
-from simgap.simulators.pybullet_wheeled import PyBulletWheeled
+from simgap.simulators.pybullet import PyBulletWheeled
 from simgap.simulators.wheeled import wheeled_plant
 
 CASE = Path(__file__).parents[2] / "configs/cases/turtlebot.yaml"

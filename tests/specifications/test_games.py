@@ -13,8 +13,7 @@ import pytest
 
 from simgap.errors import UserError
 from simgap.geometry import Box
-from simgap.specifications.reach_and_stay import ReachAndStay
-from simgap.specifications.reach_avoid import ReachAvoid
+from simgap.specifications.reaching import ReachAndStay, ReachAvoid
 from simgap.specifications.space import Space
 from simgap.synthesis.abstraction.cells import Abstraction
 from simgap.synthesis.abstraction.post import table_meta, table_post

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from simgap.geometry import Box, Grid
-from simgap.specifications.reach_avoid import ReachAvoid
+from simgap.specifications.reaching import ReachAvoid
 from simgap.specifications.space import Space
 from simgap.synthesis.abstraction.intersample import Flow, excursion
 

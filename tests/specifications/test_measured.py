@@ -12,8 +12,7 @@ from simgap.geometry import Box
 from simgap.io.controller_file import load_controller, save_controller
 from simgap.model.sampled import NominalModel
 from simgap.specifications.invariance import Invariance
-from simgap.specifications.reach_and_stay import ReachAndStay
-from simgap.specifications.reach_avoid import ReachAvoid
+from simgap.specifications.reaching import ReachAndStay, ReachAvoid
 from simgap.specifications.space import Space
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.synthesise import SynthesisProblem, synthesise

@@ -8,12 +8,9 @@ from simgap.errors import UserError
 from simgap.geometry import Box
 from simgap.io.figure_style import SURROUNDINGS
 from simgap.specifications.invariance import Invariance
-from simgap.specifications.reach_and_stay import ReachAndStay
-from simgap.specifications.reach_avoid import ReachAvoid
-from simgap.specifications.regions import cells_meeting, cells_within
+from simgap.specifications.reaching import ReachAndStay, ReachAvoid, first_touch
 from simgap.specifications.solution import Solution
-from simgap.specifications.space import Space
-from simgap.specifications.toward import first_touch
+from simgap.specifications.space import Space, cells_meeting, cells_within
 
 FLOOR = Space(("x", "y", "t"), Box([0, 0, -np.pi], [4, 3, np.pi]), (2,), {"x": "m", "y": "m", "t": "rad"}, (0, 1, 2))
 ANGLE = Space(("q", "v"), Box([-np.pi, -2.0], [np.pi, 2.0]), (0,), {"q": "rad", "v": "rad/s"})

@@ -5,13 +5,10 @@ import pytest
 
 from simgap.closed_loop import Sensing, closed_loop
 from simgap.geometry import Box, Grid
-from simgap.specifications.monitor import Run
-from simgap.specifications.reach_and_stay import LEFT, STAYED, ReachAndStay, Staying
-from simgap.specifications.reach_avoid import REACHED, ReachAvoid
-from simgap.specifications.regions import cells_meeting, partial_box
+from simgap.specifications.base import Run
+from simgap.specifications.reaching import LATE, LEFT, REACHED, STAYED, ReachAndStay, ReachAvoid, Staying, Surroundings
 from simgap.specifications.solution import Solution
-from simgap.specifications.space import Space
-from simgap.specifications.toward import LATE, Surroundings
+from simgap.specifications.space import Space, cells_meeting, partial_box
 
 SPACE = Space(("x", "y", "t"), Box([0, 0, -np.pi], [10, 10, np.pi]), (2,), pose=(0, 1, 2))
 WALL = {"x": (4.0, 5.0), "y": (0.0, 6.0)}

@@ -21,9 +21,9 @@ from simgap.errors import BrokenPromise, UserError
 from simgap.gap.sampling.points import successor_columns, units
 from simgap.io.controller_file import load_controller, save_controller
 from simgap.io.documents import read_json, write_json
+from simgap.io.mapped import Mapped, scratch_folder
 from simgap.io.parquet import read_parquet, table, write_parquet
 from simgap.io.rerun.closed_loop import read_curves
-from simgap.io.shared_solution import SharedSolution, scratch_folder
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes
@@ -176,11 +176,11 @@ def test_a_witness_is_read_with_care(made, tmp_path):
 def test_workers_map_the_tables_of_a_solution_and_load_nothing(made, tmp_path):
     folder, _, _ = made
     solution = load_controller(folder / "controller.npz").solution
-    shared = SharedSolution.of(solution, tmp_path)
+    shared = Mapped.of(solution, tmp_path / "tables")
     assert len(pickle.dumps(shared)) < 4000 < solution.mask.nbytes
     again = pickle.loads(pickle.dumps(shared)).read()
-    assert isinstance(again.mask, np.memmap)
     assert not again.mask.flags.writeable
+    assert not again.mask.flags.owndata
     for name in ("winning", "mask", "free"):
         assert np.array_equal(getattr(again, name), getattr(solution, name))
     assert again.value is again.target is None

@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from simgap.errors import UserError
-from simgap.lint.angles import find_degrees, refuse_seams
+from simgap.lint.equations import find_degrees, refuse_seams
 from simgap.plants.context import Context
 from simgap.plants.model_file import FileJoint
 from simgap.stages import check
@@ -82,7 +82,7 @@ def test_a_cost_beyond_the_budget_names_the_unit_first(tmp_path):
 
 @pytest.mark.parametrize("angle", [[-math.pi, math.pi], [0, 4 * math.pi]])
 def test_whole_turns_wrap(tmp_path, angle):
-    refuse_seams(Context.load(written(tmp_path, angle, ["q"])))
+    assert refuse_seams(Context.load(written(tmp_path, angle, ["q"]))) is None
 
 
 @pytest.mark.parametrize("angle", [[-3.14, 3.14], [-3.1416, 3.1416], [-180, 180], [-1, 1], [0, math.pi]])

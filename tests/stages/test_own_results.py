@@ -8,7 +8,7 @@ import yaml
 
 import simgap
 from simgap.config.load import load_case
-from simgap.config.rig import load_rig
+from simgap.config.run import load_rig
 from simgap.errors import UserError
 from simgap.extras import certify
 from simgap.io.parquet import write_parquet

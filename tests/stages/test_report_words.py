@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-from simgap.config.validation import ValidationSection
+from simgap.config.controller import ValidationSection
 from simgap.gap.bounds.function import PROVEN
 from simgap.gap.fitting.dimension_fit import deterministic_tier
 from simgap.report import arm_document, headline, tables

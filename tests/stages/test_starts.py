@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from simgap.config.validation import AuditSection, Trials, ValidationSection
+from simgap.config.controller import AuditSection, Trials, ValidationSection
 from simgap.geometry import Box, Grid, points_of_cells
 from simgap.specifications.solution import Solution
 from simgap.stages.validation import draw_starts, starts_by_kind

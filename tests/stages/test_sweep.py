@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from simgap.config.load import load_case
-from simgap.config.sweep import points_of_sweep
+from simgap.config.run import points_of_sweep
 from simgap.errors import UserError
 from simgap.extras.wizard import new_case as new
 from simgap.gap.bounds.basis import Basis, Form

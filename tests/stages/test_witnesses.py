@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import yaml
 
-from simgap.attack.histories import HistoryProblem, search_histories
 from simgap.attack.witness import Witness
+from simgap.attack.worst_step import HistoryProblem, search_histories
 from simgap.config.load import case_content
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain, Tier

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from simgap.geometry import Box, Grid
-from simgap.specifications.regions import cells_meeting, cells_within
+from simgap.specifications.space import cells_meeting, cells_within
 from simgap.synthesis.abstraction.cells import clip_boxes, count_holes, drop_boxes_with_holes, layout, table_size
+from simgap.synthesis.abstraction.intersample import planar_swept_cells
 from simgap.synthesis.abstraction.post import (
     OUTSIDE,
     Frame,
@@ -19,7 +20,6 @@ from simgap.synthesis.abstraction.post import (
     to_cells,
     whole_cells,
 )
-from simgap.synthesis.abstraction.swept import planar_swept_cells
 from simgap.synthesis.input_sets import embed, every_input, margins, padded, window_and
 
 GRIDS = [

@@ -6,15 +6,13 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from simgap.attack.law import ControlLaw
-from simgap.config.synthesis import SynthesisSection
+from simgap.attack.campaign import ControlLaw
+from simgap.config.controller import SynthesisSection
 from simgap.errors import UserError
 from simgap.geometry import Box
-from simgap.io.controller_export import export_controller
-from simgap.io.controller_file import load_controller, save_controller
-from simgap.io.shared_solution import SharedSolution
-from simgap.specifications.reach_and_stay import ReachAndStay
-from simgap.specifications.reach_avoid import ReachAvoid
+from simgap.io.controller_file import export_controller, load_controller, save_controller
+from simgap.io.mapped import Mapped
+from simgap.specifications.reaching import ReachAndStay, ReachAvoid
 from simgap.specifications.space import Space
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.input_sets import unpack
@@ -71,8 +69,8 @@ def test_controllers_apply_the_same_from_the_file_and_in_c(both, tmp_path):
 
 
 def test_its_only_input_is_what_an_adversary_meets(both, tmp_path):
-    shared = SharedSolution.of(both[1].solution, tmp_path).read()
-    assert isinstance(shared.chosen, np.memmap)
+    shared = Mapped.of(both[1].solution, tmp_path / "tables").read()
+    assert not shared.chosen.flags.owndata
     x = np.random.default_rng(0).uniform(ROBOT.box.lo, ROBOT.box.hi, (500, 3))
     options = ControlLaw(shared, INPUTS, np.zeros(3)).options(x, np.zeros(500, np.int64))
     chosen = both[0].lookup(x)

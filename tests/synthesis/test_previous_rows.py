@@ -9,8 +9,8 @@ from simgap.errors import UserError
 from simgap.geometry import Box, Grid
 from simgap.specifications.solution import after_choice
 from simgap.synthesis.abstraction.cells import Abstraction
+from simgap.synthesis.abstraction.intersample import SweptCells
 from simgap.synthesis.abstraction.post import table_meta, table_post
-from simgap.synthesis.abstraction.swept import SweptCells
 from simgap.synthesis.games.reach import reach_avoid
 from simgap.synthesis.input_sets import unpack
 

@@ -7,8 +7,8 @@ import pytest
 
 from simgap.geometry import Box, Grid
 from simgap.synthesis.abstraction.cells import Abstraction
+from simgap.synthesis.abstraction.intersample import SweptCells
 from simgap.synthesis.abstraction.post import reduced_cells, table_meta, table_post
-from simgap.synthesis.abstraction.swept import SweptCells
 from simgap.synthesis.games.reach import reach_avoid
 from simgap.synthesis.games.reach_rows import Levels, reach_by_rows
 from simgap.synthesis.games.row_moves import RowSystem

@@ -8,7 +8,7 @@ import sympy as sp
 from pydantic import ValidationError
 
 from simgap.closed_loop import scalar_lookup
-from simgap.config.synthesis import SynthesisSection
+from simgap.config.controller import SynthesisSection
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain
@@ -17,10 +17,9 @@ from simgap.io.controller_file import load_controller, save_controller
 from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import SymbolicModel, Variable
 from simgap.specifications.invariance import Invariance
-from simgap.specifications.reach_avoid import ReachAvoid
-from simgap.specifications.regions import cells_meeting, cells_within
+from simgap.specifications.reaching import ReachAvoid
 from simgap.specifications.solution import Solution
-from simgap.specifications.space import Space
+from simgap.specifications.space import Space, cells_meeting, cells_within
 from simgap.synthesis.abstraction.intersample import Flow, excursion, flow_of
 from simgap.synthesis.controller import Controller, least_effort
 from simgap.synthesis.synthesise import SynthesisProblem, synthesise

@@ -7,8 +7,8 @@ from simgap.geometry import Box
 from simgap.specifications.invariance import Invariance
 from simgap.specifications.space import Space
 from simgap.synthesis.controller import Controller
+from simgap.synthesis.explain import why
 from simgap.synthesis.synthesise import SynthesisProblem, synthesise
-from simgap.synthesis.why import why
 from tests.synthesis.synthesis_plants import constant_gap, pendulum
 
 GAP = (0.0002, 0.002)

@@ -8,7 +8,7 @@ from typing import Any
 from simgap.config.plant import PlantSection
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.model.symbolic import SymbolicModel
-from simgap.plants.declared import declared_model
+from simgap.plants.plant_model import declared_model
 from tests.undeclared.rig.counts import PLANTS, Counted, counted_runs, hidden_sizes
 
 Truth = dict[tuple[str, str], dict[str, float]]

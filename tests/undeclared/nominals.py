@@ -11,7 +11,7 @@ import numpy as np
 from simgap.config.plant import PlantSection
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.model.symbolic import SymbolicModel
-from simgap.plants.declared import declared_model
+from simgap.plants.plant_model import declared_model
 from simgap.plants.urdf import JointState, load_urdf
 from tests.undeclared.rig.textbook import Hidden, Textbook, runs
 

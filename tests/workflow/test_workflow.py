@@ -235,14 +235,14 @@ def edited(project, file, edit):
 
 
 def test_an_edited_engine_reruns_exactly_the_cases_that_use_it(project):
-    jobs = edited(project, "simgap/simulators/pybullet_joints.py", lambda text: text + "\n# changed\n")
+    jobs = edited(project, "simgap/simulators/pybullet.py", lambda text: text + "\n# changed\n")
     assert {"rollouts": 2, "fresh": 1}.items() <= jobs.items()
     assert jobs["synthesis"] == 1  # the one with the gap; that of the nominal model knows no engine
-    assert edited(project, "simgap/simulators/mujoco_joints.py", lambda text: text + "\n# changed\n") == {}
+    assert edited(project, "simgap/simulators/mujoco.py", lambda text: text + "\n# changed\n") == {}
 
 
 def test_another_engine_reruns_nothing(project):
-    line = '"mujoco": "simgap.simulators.mujoco_joints:MuJoCoJoints",'
+    line = '"mujoco": "simgap.simulators.mujoco:MuJoCoJoints",'
     assert (
         edited(project, "simgap/plugins.py", lambda text: text.replace(line, line + line.replace("mujoco", "b"))) == {}
     )

@@ -15,8 +15,8 @@ from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import linearise, slot_direction
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import A_FEW, CONFIDENCE, FIT_QUALITY, SELDOM
-from simgap.distributions import chi2 as chi_squared
-from simgap.distributions import student
+from simgap.statistics import chi2 as chi_squared
+from simgap.statistics import student
 
 
 def at_noise(chi2: float, free: float) -> bool:

@@ -17,7 +17,7 @@ from simgap.diagnosis.search.scoring import begun_at
 from simgap.diagnosis.simulation.sensitivity import scaled, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, COLLINEAR, MOST, WIDTH
-from simgap.effects.start import Start
+from simgap.effects.base import Start
 
 EXACTLY_COLLINEAR = 1.0 - 1e-6
 """Projected sensitivities with a larger correlation are the same direction, up to rounding."""

@@ -15,10 +15,8 @@ from simgap.diagnosis.simulation.problem import Problem, interval
 from simgap.diagnosis.simulation.sensitivity import Direction, linearise, promised, slot_direction, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.effects import EFFECTS
-from simgap.effects.base import driven_by, drives
-from simgap.effects.parameter_error import ParameterError
-from simgap.effects.reflected_inertia import ReflectedInertia
-from simgap.effects.start import Scales, Start
+from simgap.effects.base import Scales, Start, driven_by, drives
+from simgap.effects.rigid_body import ParameterError, ReflectedInertia
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
 from simgap.units import full_turn

@@ -15,7 +15,7 @@ from simgap.arrays import Floats, Ints
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import BY_CHANCE
-from simgap.distributions import chi2, fisher
+from simgap.statistics import chi2, fisher
 
 _ASKED = 20  # lags whose correlations are asked together
 _LAGS = 1 + 2 * np.arange(12)  # samples; a command of the same one may be fed back from the reading, noise and all

@@ -15,7 +15,7 @@ import numpy as np
 from simgap.arrays import Floats, Ints
 from simgap.late import njit
 from simgap.model.symbolic import Coordinate
-from simgap.savitzky_golay import savgol_filter
+from simgap.signals import savgol_filter
 
 if TYPE_CHECKING:
     from simgap.diagnosis.simulation.supermodel import SuperModel

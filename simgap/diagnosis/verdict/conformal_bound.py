@@ -21,7 +21,7 @@ import numpy as np
 from simgap.arrays import Bools, Floats, Ints
 from simgap.diagnosis.thresholds import MATTERS, RUNS_DIFFER
 from simgap.late import scipy
-from simgap.split_conformal import attained, fewest, reach
+from simgap.statistics import attained, fewest, reach
 
 _SHARES = np.arange(0.05, 0.65, 0.05)
 """Of the fitted transitions, the shares that may be slow."""

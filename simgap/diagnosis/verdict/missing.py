@@ -16,7 +16,7 @@ from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.thresholds import SURE
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
-from simgap.savitzky_golay import savgol_coeffs, savgol_filter
+from simgap.signals import savgol_coeffs, savgol_filter
 
 SPAN_S, MIN_POINTS, BINS, ORDER = 0.08, 9, 24, 3
 

@@ -24,7 +24,7 @@ from simgap.diagnosis.verdict.conformal_bound import NearRest, Sizes, bound, pie
 from simgap.diagnosis.verdict.process_noise import bound_forces
 from simgap.diagnosis.verdict.transitions import Transitions, force_ratio, held, seen, transitions, within
 from simgap.model.symbolic import SymbolicModel
-from simgap.split_conformal import attained, fewest
+from simgap.statistics import attained, fewest
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ import numpy as np
 
 from simgap.arrays import Floats, Ints
 from simgap.diagnosis.thresholds import CONFIDENCE, MATTERS, MOST, SELDOM, TAILS
-from simgap.distributions import student
+from simgap.statistics import student
 
 _PARTS = 10  # the data are scored by so many parts, each under the scale of the others
 _DECADES = 6.0  # a gross error is as likely of each decade of size, so many above the noise

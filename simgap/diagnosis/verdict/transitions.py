@@ -23,7 +23,7 @@ from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.verdict.missing import compiled
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
-from simgap.savitzky_golay import savgol_coeffs, savgol_filter
+from simgap.signals import savgol_coeffs, savgol_filter
 
 _SPAN_S, _FEWEST, _ORDER = 0.05, 5, 3
 _INNER, _MOST = 20, 1000

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from simgap.diagnosis.record.faults.measurement import FITTED, effect_or_fault
-from simgap.effects.quoted import Quoted
+from simgap.effects.base import Quoted
 from simgap.notation import joined, pretty_unit
 
 Document = Mapping[str, Any]

@@ -19,8 +19,7 @@ from simgap.diagnosis.simulation.supermodel import cached_supermodel
 from simgap.diagnosis.thresholds import AS_MUCH, CONFIDENCE, MATTERS
 from simgap.effects import AppliedEffect
 from simgap.errors import UserError
-from simgap.extras.experiment.beside import Beside, beside
-from simgap.extras.experiment.propose import ENOUGH, InputProposal, propose
+from simgap.extras.experiment.propose import ENOUGH, Beside, InputProposal, beside, propose
 from simgap.extras.experiment.rivals import Bench, Explained, KnownRivals, known_rivals, library_names, translated
 from simgap.geometry import Box
 from simgap.model.symbolic import SymbolicModel

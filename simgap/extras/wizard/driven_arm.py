@@ -25,7 +25,7 @@ from simgap.geometry import Box
 from simgap.model.kernel_cache import cached_kernel
 from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import SymbolicModel
-from simgap.specifications.reach_avoid import ReachAvoid
+from simgap.specifications.reaching import ReachAvoid
 from simgap.specifications.space import Space
 from simgap.synthesis.abstraction.intersample import Flow, excursion, flow_of
 from simgap.synthesis.abstraction.post import Kernel

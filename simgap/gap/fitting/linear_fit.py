@@ -28,7 +28,7 @@ from simgap.gap.lipschitz.grid import DimensionLipschitz
 from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
 from simgap.gap.sampling.values import Centres, Combined
 from simgap.geometry import Box
-from simgap.split_conformal import fewest, reach
+from simgap.statistics import fewest, reach
 
 
 def basis_of(where: SampleGrid, settings: GapSection) -> Basis:

@@ -15,12 +15,12 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.config.gap import GapSection
-from simgap.distributions import chi2
 from simgap.gap.lipschitz.grid import DimensionLipschitz, GridLipschitz, LipschitzRow, estimate, worse
 from simgap.gap.lipschitz.local import enclosed_constants
 from simgap.gap.sampling.samples import DimensionSamples
 from simgap.gap.sampling.values import Rows, Values
 from simgap.late import scipy
+from simgap.statistics import chi2, extrapolated_maximum
 
 _SHAPES = (1.0, 1e3)  # c >= 1: the likelihood is unbounded below it
 _FARTHEST = 1e6  # farthest location tried, in units of the spread of the maxima
@@ -72,17 +72,6 @@ def profile_upper(maxima: Floats, fitted: ReverseWeibull, confidence: float = 0.
         middle = 0.5 * (lo + hi)
         lo, hi = (middle, hi) if _profile(maxima, top + np.exp(middle))[0] >= goal else (lo, middle)
     return float(top + np.exp(hi))
-
-
-def top_spacing_upper(slopes: Floats, dimension: int, k: int = 20, confidence: float = 0.95) -> float:
-    """Upper limit from the k largest slopes of (n,), whose tail behaves as distance^dimension near the end point.
-
-    `M1 + (M1 - Mk) r / (1 - r)` with `r = (1 - (1 - confidence)^(1/(k-1)))^(1/dimension)`; `dimension` is that of the
-    space of pairs.
-    """
-    largest = np.sort(slopes)[::-1][:k]
-    r = (1.0 - (1.0 - confidence) ** (1.0 / (k - 1))) ** (1.0 / dimension)
-    return float(largest[0] + (largest[0] - largest[-1]) * r / (1.0 - r))
 
 
 def _spread(maxima: Floats) -> float:
@@ -143,7 +132,7 @@ def compare_estimates(
     if not np.ptp(maxima) > 1e-12 * maxima.max():
         return (*rows, LipschitzRow("largest slope of pairs", float(maxima.max()), None, "all blocks agree"))
     law = fit_reverse_weibull(maxima)
-    top = top_spacing_upper(slopes.ravel(), 2 * len(moving))
+    top = extrapolated_maximum(slopes.ravel(), 2 * len(moving))  # a pair has twice as many coordinates
     return (
         *rows,
         LipschitzRow("largest slope of pairs", float(maxima.max()), None, "a lower bound"),

@@ -31,8 +31,19 @@ import numpy as np
 
 from simgap.arrays import Bools, Floats, Ints
 from simgap.gap.bounds.closed_form import CellRanges
-from simgap.gap.lipschitz.grid import REACH, GridLipschitz, Roughness, moving_axes, roughness
-from simgap.gap.lipschitz.stencils import Slab, slabs, steps, to_cells, turns, widest
+from simgap.gap.lipschitz.grid import (
+    REACH,
+    GridLipschitz,
+    Roughness,
+    Slab,
+    moving_axes,
+    roughness,
+    slabs,
+    steps,
+    to_cells,
+    turns,
+    widest,
+)
 from simgap.gap.sampling.borders import Borders, Directed
 from simgap.gap.sampling.values import Combined, Held, Kept, Room, Values
 from simgap.gap.thresholds import GATE

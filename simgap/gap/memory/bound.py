@@ -19,7 +19,7 @@ from simgap.gap.bounds.function import GapDomain, Tier
 from simgap.gap.bounds.previous import PreviousClasses
 from simgap.gap.fitting.acceptance import FreshCheck, check_sequences, confirmed, tolerate
 from simgap.gap.memory.fit import HistoryInfluence, HullFit
-from simgap.gap.memory.hidden_state import TOP, check_fading, tolerance_of
+from simgap.gap.memory.hidden_state import check_fading, tolerance_of
 from simgap.gap.memory.search import BoundTable, HistorySearch, search
 from simgap.gap.sampling.points import Columns, Points, body_samples
 from simgap.gap.sampling.samples import previous_classes, read_back
@@ -28,6 +28,7 @@ from simgap.plants.context import Context, pose_axes
 from simgap.simulators.body_samples import REST
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import last_steps_of
+from simgap.statistics import TOP
 
 Attack = Callable[[BoundTable], HistorySearch]
 

@@ -14,8 +14,9 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.gap.bounds.previous import PreviousClasses
 from simgap.gap.json_record import JsonRecord
-from simgap.gap.memory.hidden_state import COORDINATES, extrapolated_maximum, hull
+from simgap.gap.memory.hidden_state import COORDINATES, hull
 from simgap.simulators.body_samples import BodySamples
+from simgap.statistics import extrapolated_maximum
 
 
 @dataclass(frozen=True, eq=False)

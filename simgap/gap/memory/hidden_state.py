@@ -17,9 +17,8 @@ import numpy as np
 from simgap.arrays import Floats, Ints
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bounds.previous import intervals
-from simgap.gap.thresholds import BEYOND_CONFIDENCE, SMALL_INFLUENCE
+from simgap.gap.thresholds import SMALL_INFLUENCE
 
-TOP = 20
 COORDINATES = 4
 """What an excess over the grid of previous inputs depends on: two previous and two present commands of a robot."""
 
@@ -141,22 +140,6 @@ def check_fading(memory: Floats, size: Floats, states: Sequence[str], growth: fl
                 f"samples back move it by {left:.3g}, allowed is {growth:g} of its sup, {growth * own:.3g}",
                 "Raise hidden_state.length, lengthen tau, or stiffen the motors",
             )
-
-
-def extrapolated_maximum(
-    excess: Floats, dimension: int, top: int = TOP, confidence: float = BEYOND_CONFIDENCE
-) -> float:
-    """Upper estimate of the supremum behind excesses (n,), >= their maximum (0 when nothing exceeds).
-
-    `M1 + (M1 - Mk) r / (1 - r)`, `r = (1 - (1 - confidence)^(1/(k - 1)))^(1/a)`, from the k largest, where the samples
-    fill `dimension` a: the more coordinates, the farther the largest sample lies from the supremum (de Haan 1981).
-    """
-    k = min(top, len(excess))
-    largest = np.sort(excess)[-k:]
-    if k < 2 or largest[-1] <= 0:
-        return max(float(largest[-1]), 0.0)
-    r = (1.0 - (1.0 - confidence) ** (1.0 / (k - 1))) ** (1.0 / dimension)
-    return float(largest[-1] + (largest[-1] - max(largest[0], 0.0)) * r / (1.0 - r))
 
 
 def hull(m: Ints, values: Floats, inputs: int) -> tuple[Floats, Floats]:

@@ -11,8 +11,9 @@ import numpy as np
 from simgap.arrays import Floats, Ints
 from simgap.gap.bounds.previous import PreviousClasses
 from simgap.gap.json_record import JsonRecord
-from simgap.gap.memory.hidden_state import COORDINATES, InputGrid, extrapolated_maximum
+from simgap.gap.memory.hidden_state import COORDINATES, InputGrid
 from simgap.simulators.body_samples import BodySamples, joined
+from simgap.statistics import extrapolated_maximum
 
 Objective = Callable[[Ints, Floats], Floats]
 """Sequences of value numbers (n, L, nu) and headings (n,), rad -> scores (n,); the search looks for large ones."""

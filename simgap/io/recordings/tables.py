@@ -16,9 +16,8 @@ from simgap.diagnosis.record.channels import RawTable, no_time_column
 from simgap.diagnosis.thresholds import A_FEW
 from simgap.errors import UserError, excerpt, placed
 from simgap.io.parquet import checksum_holds, record_of
-from simgap.io.recordings.csv_file import CsvLayout, csv_layout, read_csv_columns
-from simgap.io.recordings.json_file import json_cells, json_table
 from simgap.io.recordings.mcap_file import MAGIC, mcap_header, read_mcap
+from simgap.io.recordings.text_file import CsvLayout, csv_layout, json_cells, json_table, read_csv_columns
 from simgap.late import pyarrow as pa
 from simgap.late import pyarrow_compute as pc
 from simgap.late import pyarrow_parquet as pq

@@ -3,12 +3,17 @@
 Whether a box of cells lies wholly inside a set is one look-up in a summed-area table of the *holes*, the cells outside
 it: the box lies inside exactly when its count is zero. A periodic axis is stored twice in a row, so that a box across
 the seam is one contiguous range.
+
+Kernels share the rows of a grid among threads: they release the interpreter lock and write disjoint rows.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import cache
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +22,30 @@ from simgap.arrays import Floats, Ints
 from simgap.errors import UserError
 from simgap.geometry import Grid
 from simgap.late import njit
+from simgap.synthesis.abstraction.intersample import SweptCells
 from simgap.synthesis.abstraction.post import table_meta, table_post
-from simgap.synthesis.abstraction.swept import SweptCells
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+
+@cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads, thread_name_prefix="synthesis")
+
+
+def over_rows(work: Callable[[int, int], int], rows: int, threads: int) -> int:
+    """Call `work(first, last)` over [0, rows) in chunks and add up what it returns; the sum is order-independent."""
+    if threads <= 1 or rows < 2 * threads:
+        return work(0, rows)
+    chunk = -(-rows // (4 * threads))
+    return sum(_pool(threads).map(lambda first: work(first, min(rows, first + chunk)), range(0, rows, chunk)))
+
+
+def over_items(work: Callable[[T], R], items: Sequence[T], threads: int) -> list[R]:
+    """Results of `work(item)` for every item; they must write to different places."""
+    return list(map(work, items) if threads <= 1 else _pool(threads).map(work, items))
+
 
 Counts = NDArray[np.int32]
 

@@ -21,8 +21,8 @@ from simgap.geometry import Grid
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 from simgap.synthesis.abstraction.cells import Abstraction
+from simgap.synthesis.abstraction.intersample import SweptCells
 from simgap.synthesis.abstraction.post import Kernel
-from simgap.synthesis.abstraction.swept import SweptCells
 from simgap.synthesis.controller import least_effort
 from simgap.synthesis.games.invariance import invariance
 from simgap.synthesis.games.reach import reach_avoid

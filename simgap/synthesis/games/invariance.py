@@ -21,9 +21,9 @@ from simgap.synthesis.abstraction.cells import (
     count_holes,
     drop_boxes_with_holes,
     layout,
+    over_rows,
     table_size,
 )
-from simgap.synthesis.games.threads import over_rows
 from simgap.synthesis.input_sets import Bytes, packed_width
 
 

@@ -26,10 +26,16 @@ from simgap.arrays import Bools, Ints
 from simgap.errors import BrokenPromise, UserError
 from simgap.late import njit
 from simgap.specifications.solution import Solution
-from simgap.synthesis.abstraction.cells import Abstraction, clip_boxes, count_holes, drop_boxes_with_holes, table_size
+from simgap.synthesis.abstraction.cells import (
+    Abstraction,
+    clip_boxes,
+    count_holes,
+    drop_boxes_with_holes,
+    over_rows,
+    table_size,
+)
 from simgap.synthesis.games.game import CellGame, certified
 from simgap.synthesis.games.invariance import admissible_inputs, row_index
-from simgap.synthesis.games.threads import over_rows
 from simgap.synthesis.input_sets import LARGEST_TABLES, Bytes, Words, to_bytes, unpack, words_of
 
 UNTOUCHED, NONE, SOME = 0, 1, 2

@@ -20,12 +20,18 @@ from numpy.typing import NDArray
 from simgap.arrays import Bools, Ints
 from simgap.errors import UserError
 from simgap.late import njit
-from simgap.synthesis.abstraction.cells import Abstraction, clip_boxes, count_holes, drop_boxes_with_holes, table_size
+from simgap.synthesis.abstraction.cells import (
+    Abstraction,
+    clip_boxes,
+    count_holes,
+    drop_boxes_with_holes,
+    over_rows,
+    table_size,
+)
 from simgap.synthesis.abstraction.post import table_meta, table_post
 from simgap.synthesis.games.invariance import row_index
 from simgap.synthesis.games.reach_rows import reach_by_rows
 from simgap.synthesis.games.row_moves import RowSystem, with_common_sweeps
-from simgap.synthesis.games.threads import over_rows
 from simgap.synthesis.input_sets import packed_width, preferred
 
 Backend = Literal["auto", "bit_rows", "table"]

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from simgap.arrays import Bools, Ints
 from simgap.late import njit
+from simgap.synthesis.abstraction.cells import over_items, over_rows
 from simgap.synthesis.games.row_moves import Moves, RowSystem, moves_of, words_of_a_row
 from simgap.synthesis.games.row_waves import place, settle, spread, stage_size
-from simgap.synthesis.games.threads import over_items, over_rows
 from simgap.synthesis.input_sets import packed_width
 
 Rows = NDArray[np.uint64]

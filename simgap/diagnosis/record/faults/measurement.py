@@ -17,7 +17,7 @@ from simgap.diagnosis.record.faults.base import Fault
 from simgap.diagnosis.result import FoundEffect, RecordingFault
 from simgap.effects import EFFECTS, Effect, EffectParameter, MemoryInputEffect, effect
 from simgap.effects.base import COMMAND, SENSOR, Kind, Values
-from simgap.effects.sensor_gain import is_linear
+from simgap.effects.sensors import is_linear
 from simgap.late import njit
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
