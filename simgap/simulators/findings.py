@@ -58,10 +58,11 @@ def _links(case: Case, file: ModelFile, loaded: Mapping[str, Link]) -> Iterator[
             )
         if differs(own.moments, declared.moments):
             by_key = getattr(case.simulator, "inertia", None) == "engine"
+            which = f"link '{name}'" if by_key else "it"
             yield Finding(
                 "simulator.inertia" if by_key else f"link '{name}'",
-                f"the engine computes link '{name}' with the principal moments {_list(own.moments)} kg m^2, the file "
-                f"says {_list(declared.moments)}",
+                f"the engine computes {which} with the principal moments "
+                f"{_list(own.moments)} kg m^2, the file says {_list(declared.moments)}",
                 "With `inertia: file` it takes the file's." if by_key else "Look at <inertia>.",
             )
 

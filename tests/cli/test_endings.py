@@ -1,8 +1,7 @@
 """What a person is told of a run without a controller: the reason of each job that failed, and a page."""
 
-import json
-
 from simgap.cli.endings import PAGE, failures, write_failed, write_page
+from simgap.io.documents import write_json
 
 RUN = """Error in rule check:
     message: None
@@ -51,7 +50,7 @@ def ended(folder, rule, log, told):
         ("synthesis/gap/empty.json", {"model": "with gap", "empty": found}),
     ):
         (folder / "results/p" / path).parent.mkdir(parents=True, exist_ok=True)
-        (folder / "results/p" / path).write_text(json.dumps(content))
+        write_json(folder / "results/p" / path, content)
     (folder / "results/p/logs").mkdir(exist_ok=True)
     (folder / "results/p/logs" / log).write_text(f"2026-01-01 10:00:00,000 ERROR {told}\n")
     (folder / "run.log").write_text(

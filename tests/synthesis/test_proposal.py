@@ -84,6 +84,7 @@ def test_what_is_proposed_is_won_within_the_limits(limit):
     assert (hi < weight) == (limit is not None and limit < weight)
     assert found.X["q"][1] == pytest.approx(found.part * 0.25, rel=0.05)
     assert ("X is small" in Numbers(found, {}, 2).small) == (found.X["q"][1] < 0.125)
+    assert ("because of the inputs' limits. Tau" in Numbers(found, {}, 2).small) == (limit == 0.05)
     assert 0.2 / np.sqrt(14.715) * 0.9 <= found.tau <= 0.8 / np.sqrt(14.715) * 1.1
 
 

@@ -76,6 +76,7 @@ class Proposal:
         target: the box to reach, by state, where each joint has a motor. None for an X to stay in.
         against: the gap that was played against, as a share of what the largest inputs do in a step; 0 for none.
         rubs: whether what the joints' dry friction leaves as a gap was played against as well.
+        narrowed: what left X narrower than sought, each as a noun phrase.
     """
 
     tau: float
@@ -88,6 +89,7 @@ class Proposal:
     target: Mapping[str, tuple[float, float]] | None = None
     against: float = 0.0
     rubs: bool = False
+    narrowed: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,7 +209,8 @@ class Search:
                 problem = replace(problem, gap=self.rubs.gap(np.array(half), spread), gap_axes=kept)
         solution = specification.solve(problem.game())
         won = solution.fraction if solution.useful else 0.0
-        return Tried(self.sampled.tau, cells, inputs, tuple(steps), tuple(half), won, against)
+        narrowed = ("the joints' limits",) * bool((box < self.sought()).any()) + ("the inputs' limits",) * (fits < 1.0)
+        return Tried(self.sampled.tau, cells, inputs, tuple(steps), tuple(half), won, against, narrowed=narrowed)
 
     def _step(self, k: int, half: float, count: int, down: bool) -> float:
         """Between values of input k that reach `half` from rest, rounded without passing what its drive gives."""
@@ -229,8 +232,8 @@ def _proposal(model: SymbolicModel, posture: Posture, best: Tried, part: float, 
         at = beside(rest, step)
         U[n] = (round(at - most, 12), round(at + most, 12), round(step, 12))
     X = {n: (float(x) - own, float(x) + own) for n, x, own in ends}
-    won = best.cells, best.wins, posture.free, part, best.target, best.against
-    return Proposal(best.tau, X, U, *won, rubs=rubs and best.against > 0.0)
+    won = best.cells, best.wins, posture.free, part, best.target, best.against, rubs and best.against > 0.0
+    return Proposal(best.tau, X, U, *won, best.narrowed)
 
 
 def beside(rest: float, step: float) -> float:
