@@ -2,7 +2,10 @@
 
 import math
 import os
+import select
 import signal
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -288,6 +291,27 @@ def test_what_a_search_raises_or_dies_of_is_no_answer():
         last_within(10.0, refuses, print)
     with pytest.raises(RuntimeError, match="ended with status -9"):
         last_within(10.0, lambda tell: os.kill(os.getpid(), signal.SIGKILL), print)
+
+
+PARENT = """
+import os, sys, time
+from simgap.extras.wizard.deadline import last_within
+def search(tell):
+    print(os.getpid(), flush=True)
+    while True:
+        pass
+    yield
+last_within(60.0, search, print)
+"""
+
+
+def test_a_search_ends_with_the_command_that_is_killed():
+    command = subprocess.Popen([sys.executable, "-c", PARENT], stdout=subprocess.PIPE, text=True)
+    child = os.pidfd_open(int(command.stdout.readline()))
+    command.kill()
+    assert select.select([child], [], [], 5.0)[0], "it lives on"
+    command.communicate()
+    os.close(child)
 
 
 def test_what_was_found_before_a_search_fails_or_dies_is_its_answer():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes
+import os
 import signal
 import traceback
 import warnings
@@ -14,6 +16,8 @@ from simgap.errors import UserError
 
 Found = TypeVar("Found")
 Tell = Callable[[str], None]
+PR_SET_PDEATHSIG = 1
+"""Of Linux's prctl: the signal that a process gets when the one that forked it ends, however that ends."""
 
 
 def last_within(seconds: float, search: Callable[[Tell], Iterator[Found]], tell: Tell) -> Found | None:
@@ -26,7 +30,7 @@ def last_within(seconds: float, search: Callable[[Tell], Iterator[Found]], tell:
         Exception: what the search raises before it finds anything.
     """
     here, there = get_context("fork").Pipe(duplex=False)
-    process = get_context("fork").Process(target=_report, args=(seconds, search, there), daemon=True)
+    process = get_context("fork").Process(target=_report, args=(seconds, search, there, os.getpid()), daemon=True)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # of other threads: the search asks nothing of them
         process.start()
@@ -54,8 +58,11 @@ def last_within(seconds: float, search: Callable[[Tell], Iterator[Found]], tell:
         here.close()
 
 
-def _report(seconds: float, search: Callable[[Tell], Iterator[Found]], pipe: Connection) -> None:
+def _report(seconds: float, search: Callable[[Tell], Iterator[Found]], pipe: Connection, parent: int) -> None:
     """Send what the search tells and finds, until the system ends the process by a signal that nothing handles."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:  # ended before that was said
+        return
     signal.signal(signal.SIGPROF, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the command, which ends this one
     signal.setitimer(signal.ITIMER_PROF, min(max(seconds, 1e-6), 1e9))
