@@ -323,7 +323,13 @@ def test_what_was_found_before_a_search_fails_or_dies_is_its_answer():
         yield 2
         os.kill(os.getpid(), signal.SIGKILL)
 
+    def refused(tell):
+        yield UserError("not yet")
+        raise UserError("never")
+
     assert last_within(math.inf, fails, print) == 1
+    with pytest.raises(UserError, match="never"):
+        last_within(math.inf, refused, print)
     assert last_within(10.0, dies, print) == 2
 
 

@@ -24,10 +24,10 @@ def last_within(seconds: float, search: Callable[[Tell], Iterator[Found]], tell:
     """The last of what `search(tell)` yields within so many seconds of CPU time, or None.
 
     Then it is ended, whatever it is at: nothing has to be known of how long a game takes, or to compile one. A search
-    that fails after it found something has found that.
+    that fails after it found something has found that, unless it was a refusal.
 
     Raises:
-        Exception: what the search raises before it finds anything.
+        Exception: what the search raises before it finds anything but refusals.
     """
     here, there = get_context("fork").Pipe(duplex=False)
     process = get_context("fork").Process(target=_report, args=(seconds, search, there, os.getpid()), daemon=True)
@@ -39,7 +39,7 @@ def last_within(seconds: float, search: Callable[[Tell], Iterator[Found]], tell:
     try:
         while True:
             kind, value = here.recv()
-            if kind == "raised" and last is None:
+            if kind == "raised" and (last is None or isinstance(last, UserError)):
                 raise value
             if kind == "raised":
                 return last

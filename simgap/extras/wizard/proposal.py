@@ -209,7 +209,8 @@ class Search:
                 problem = replace(problem, gap=self.rubs.gap(np.array(half), spread), gap_axes=kept)
         solution = specification.solve(problem.game())
         won = solution.fraction if solution.useful else 0.0
-        narrowed = ("the joints' limits",) * bool((box < self.sought()).any()) + ("the inputs' limits",) * (fits < 1.0)
+        shares = {"the joints' limits": float((box / self.sought()).min()), "the inputs' limits": fits}
+        narrowed = (min(shares, key=shares.__getitem__),)
         return Tried(self.sampled.tau, cells, inputs, tuple(steps), tuple(half), won, against, narrowed=narrowed)
 
     def _step(self, k: int, half: float, count: int, down: bool) -> float:
@@ -310,11 +311,16 @@ def _answers(
     search = Search(model, sampled(shape.tau), posture, shape, limits, room, rubbing(model, posture, rubs, shape.tau))
     search.check()
     tried: list[Tried] = []
+    yield _too_few(search, tried, "the time is up in the first game")
     rounds = search.rounds()
     for cells in rounds:
         for share in SHARES:
             best = max((t.wins for t in tried), default=0.0)
-            tell(f"trying {_shown(cells)} cells" + (f"; best so far {best:.2g}" if best else ""))
+            least = VALUES.get(len(model.inputs), FEWER) ** len(model.inputs)
+            tell(
+                f"trying {_shown(cells)} cells, {math.prod(cells) * least / 1e6:.2g} million pairs of cell and input"
+                + (f"; best so far {best:.2g}" if best else "")
+            )
             tried.append(search.play(cells, share))
             if tried[-1].wins >= WINS:
                 yield search.proposal(tried[-1])
@@ -322,19 +328,16 @@ def _answers(
                     yield search.proposal(held)
                 return
             yield _too_few(search, tried, "the time is up")
-    yield _too_few(search, tried, "more are beyond a quick search")
+    yield _too_few(search, tried, f"{'more' if tried else 'they'} are beyond a quick search")
 
 
 def _too_few(search: Search, tried: Sequence[Tried], why: str) -> UserError:
     most = max(tried, key=lambda t: (t.wins, math.prod(t.cells)), default=None)
-    asked = f"by its linear model it takes about {search.shape.size:,.0f} at tau = {search.shape.tau:g} s"
-    if most is not None:
-        asked = f"on {_shown(most.cells)} cells the nominal model alone wins {most.wins:.2g}, and {why}; {asked}"
-    else:
-        asked = f"the cells are too many for a quick search: {asked}"
+    won = f"on {_shown(most.cells)} cells the nominal model alone wins {most.wins:.2g}" if most is not None else ""
+    asked = f"by its linear model it takes about {search.shape.size:,.0f} cells at tau = {search.shape.tau:g} s"
     return UserError(
-        asked, key="synthesis.cells",
-        remedy="Give it another input or stronger ones, or begin with fewer states.",
+        "; ".join(filter(None, (won, asked, why))), key="synthesis.cells",
+        remedy="Search longer (--seconds), give it another input or stronger ones, or begin with fewer states.",
     )  # fmt: skip
 
 
