@@ -39,7 +39,8 @@ BULLET, DRAKE, GYM, SUITE = (
 )
 DATA = "cmeel.prefix/share/example-robot-data/robots"
 SHIPPED_AS = {"cmeel.prefix": "example-robot-data", "pydrake": "drake"}
-LEGS, FREE, WHEELS, STILL = "chains of joints begin at its base", "moves freely", "it has wheels", "has no moving joint"
+LEGS, FREE, WHEELS = "chains of joints begin at its base", "floating base", "it has wheels"
+STILL = "has no joint that turns or slides"
 FILES: tuple[tuple[str, str, dict[str, Any], str], ...] = (
     # folder of a package, file, options, what is right: a case, or a word of the refusal
     (BULLET, "cartpole.urdf", {}, CASE),

@@ -123,13 +123,14 @@ def driven(
             if wins is not None and wins > best:
                 best, fine = wins, (math.ceil(MORE * cells),) * len(names)
                 target = _target(model, posture, half)
-                causes = (
-                    shortest and f"{shortest}, which asks for a tau of {tau:g} s",
-                    "the inputs' limits" * (scale < size),
-                    "the joints' limits" * stopped,
-                    "one joint's pull on the other" * (k > 0),
-                )
-                narrowed = tuple(filter(None, causes)) or ("how differently the inputs move the joints",)
+                causes = {
+                    f"{shortest}, which asks for a tau of {tau:g} s": bool(shortest),
+                    "the inputs' limits": scale < size,
+                    "the joints' limits": stopped,
+                    "one joint's pull on the other": k > 0,
+                }
+                narrowed = tuple(words for words, holds in causes.items() if holds)
+                narrowed = narrowed or ("how differently the inputs move the joints",)
                 yield Tried(tau, fine, tuple(inputs), tuple(steps), tuple(half), wins, GUESS, target, narrowed)
                 if wins >= ENOUGH:
                     return
