@@ -35,17 +35,14 @@ include: "rules/sweep.smk"
 include: "rules/paper.smk"
 
 
-# Of all that is written around an error its reason is the last that a person reads.
+# Of all that is written around an error its reason is the last that a person reads, and it has a page.
 onerror:
     import atexit
-    from simgap.cli.workflow import reasons
+    from simgap.cli.endings import failures, write_failed
 
-    written = [Path(path) for path in log]
-    atexit.register(
-        lambda: sys.stderr.write(
-            "".join(f"\nsimgap: {r}\n" for r in reasons(written))
-        )
-    )
+    failed = failures([Path(path) for path in log])
+    told = [f"Page: {page}" for page in write_failed(failed)] + [*map(str, failed)]
+    atexit.register(lambda: sys.stderr.write("".join(f"\nsimgap: {t}\n" for t in told)))
 
 
 localrules:

@@ -39,19 +39,21 @@ BULLET, DRAKE, GYM, SUITE = (
 )
 DATA = "cmeel.prefix/share/example-robot-data/robots"
 SHIPPED_AS = {"cmeel.prefix": "example-robot-data", "pydrake": "drake"}
-LEGS, FREE, WHEELS, STILL = "chains of joints begin at its base", "moves freely", "it has wheels", "has no moving joint"
+LEGS, FREE, WHEELS = "chains of joints begin at its base", "floating base", "it has wheels"
+STILL = "has no joint that turns or slides"
 FILES: tuple[tuple[str, str, dict[str, Any], str], ...] = (
     # folder of a package, file, options, what is right: a case, or a word of the refusal
     (BULLET, "cartpole.urdf", {}, CASE),
     (BULLET, "pendulum5.urdf", {}, "which joints have a drive"),
     (BULLET, "cube_rotate.urdf", {}, CASE),
-    (BULLET, "TwoJointRobot_wo_fixedJoints.urdf", {}, CASE),
+    (BULLET, "TwoJointRobot_wo_fixedJoints.urdf", {}, "no body has principal moments"),
     (BULLET, "franka_panda/panda.urdf", {}, "mimics"),
     (BULLET, "franka_panda/panda.urdf", {"joints": ["panda_joint2", "panda_joint4"]}, CASE),
     (BULLET, "franka_panda/panda.urdf", {"joints": ["panda_joint1", "panda_joint4"]}, CASE),
     (BULLET, "kuka_iiwa/model.urdf", {}, CASE),
     (BULLET, "kuka_iiwa/model.urdf", {"joints": ["lbr_iiwa_joint_4"]}, CASE),
-    (BULLET, "xarm/xarm6_robot.urdf", {"joints": ["joint3"]}, CASE),
+    (BULLET, "xarm/xarm6_robot.urdf", {"joints": ["joint3"]}, "no body has principal moments"),
+    (BULLET, "xarm/xarm6_robot.urdf", {"joints": ["joint5"]}, CASE),
     (BULLET, "pr2_gripper.urdf", {"joints": ["left_gripper_joint"], "base": "fixed"}, CASE),
     (BULLET, "a1/a1.urdf", {}, LEGS),
     (BULLET, "laikago/laikago_toes.urdf", {}, LEGS),
@@ -79,7 +81,7 @@ FILES: tuple[tuple[str, str, dict[str, Any], str], ...] = (
     (DATA, "g1_description/urdf/g1_29dof_rev_1_0.urdf", {}, LEGS),
     (DATA, "solo_description/robots/solo12.urdf", {}, LEGS),
     (DATA, "tiago_pro_description/robots/tiago_pro.urdf", {}, WHEELS),
-    (DATA, "romeo_description/urdf/romeo.urdf", {}, "without mass"),
+    (DATA, "romeo_description/urdf/romeo.urdf", {}, LEGS),
     (DATA, "borinot_description/urdf/borinot_flying_arm_2.urdf", {}, FREE),
     (GYM, "inverted_pendulum.xml", {"mjcf": True, "at": {"hinge": 0.0}}, CASE),
     (GYM, "inverted_double_pendulum.xml", {"mjcf": True}, CASE),

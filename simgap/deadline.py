@@ -5,6 +5,7 @@ A search that has no whole answer on its way makes one in a copy of its process,
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import traceback
@@ -19,6 +20,8 @@ from simgap.errors import UserError
 Found = TypeVar("Found")
 Tell = Callable[[str], None]
 _LEAST_S = 1e-6  # 0 is no deadline
+PR_SET_PDEATHSIG = 1
+"""Of Linux's prctl: the signal that a process gets when the one that forked it ends, however that ends."""
 
 
 def last_within(seconds: float, search: Callable[[Tell], Iterator[Found]], tell: Tell) -> Found | None:
@@ -33,29 +36,29 @@ def found_within(seconds: float, search: Callable[[Tell], Iterator[Found]], tell
     """What `search(tell)` yields within so many seconds of CPU time.
 
     Then it is ended, whatever it is at: nothing has to be known of how long a game takes, or to compile one. A search
-    that fails after it found something has found that.
+    that fails after it found something has found that, unless it was a refusal.
 
     Raises:
-        Exception: what the search raises before it finds anything.
+        Exception: what the search raises before it finds anything but refusals.
     """
     here, there = get_context("fork").Pipe(duplex=False)
-    process = get_context("fork").Process(target=_report, args=(seconds, search, there), daemon=True)
+    process = get_context("fork").Process(target=_report, args=(seconds, search, there, os.getpid()), daemon=True)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # of other threads: the search asks nothing of them
         process.start()
     there.close()
-    any_found = False
+    any_found, only_refusals = False, True
     try:
         while True:
             kind, value = here.recv()
-            if kind == "raised" and not any_found:
+            if kind == "raised" and only_refusals:
                 raise value
             if kind == "raised":
                 return
             if kind == "told":
                 tell(value)
             else:
-                any_found = True
+                any_found, only_refusals = True, only_refusals and isinstance(value, UserError)
                 yield value
     except EOFError:
         process.join()
@@ -87,8 +90,11 @@ def copied() -> bool:
     return False
 
 
-def _report(seconds: float, search: Callable[[Tell], Iterator[Found]], pipe: Connection) -> None:
+def _report(seconds: float, search: Callable[[Tell], Iterator[Found]], pipe: Connection, parent: int) -> None:
     """Send what the search tells and finds, until the system ends the process by a signal that nothing handles."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:  # ended before that was said
+        return
     signal.signal(signal.SIGPROF, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the command, which ends this one
     signal.setitimer(signal.ITIMER_PROF, min(max(seconds, _LEAST_S), 1e9))

@@ -55,8 +55,8 @@ class LogLines(logging.Formatter):
         return printable(super().format(record))
 
 
-EVERY_S = 30.0
-"""Between two lines about progress where the output is no terminal."""
+FIRST_S, EVERY_S = 1.0, 30.0
+"""Until the first line about progress where the output is no terminal, and between two of them."""
 
 
 @contextmanager
@@ -69,7 +69,7 @@ def progress(first: str) -> Iterator[Callable[[str], None]]:
         with terminal.status(Text(first)) as status:
             yield lambda words: status.update(Text(printable(words)))
         return
-    said = time.monotonic()
+    said = time.monotonic() + FIRST_S - EVERY_S
 
     def tell(words: str) -> None:
         nonlocal said

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -16,7 +15,7 @@ import typer
 import yaml
 
 from simgap import reading
-from simgap.cli import start
+from simgap.cli import endings, start
 from simgap.cli.terminal import say
 from simgap.config.case import Case
 from simgap.errors import SimgapError, UserError
@@ -39,6 +38,12 @@ PARTLY = (
     "--report",
 )
 """Options of Snakemake with which a run does not end with the page of a case."""
+
+
+_ASKS_FOR_NONE = (
+    "The case has no section `synthesis`: the run ends with the bound of its gap. `simgap propose {}.yaml` looks for "
+    "numbers with which the nominal model alone wins something, or says what is in the way."
+)
 
 
 class WorkflowFailed(SimgapError):
@@ -116,11 +121,18 @@ def _tell_verdict(case: Case, trials: str) -> None:
     Raises:
         WorkflowFailed: a run that has ended well without it.
     """
-    folder, controlled = Path("results") / case.name, case.synthesis is not None and bool(case.gap or case.hidden_state)
+    folder, bounded = Path("results") / case.name, bool(case.gap or case.hidden_state)
+    controlled = bounded and case.synthesis is not None
     page = require_made(folder / trials / "report.html" if controlled else folder / "check/check.json")
+    if not bounded:
+        return
     if controlled:
+        (folder / endings.PAGE).unlink(missing_ok=True)  # of an earlier run
         verdict = read_json(page.with_name("summary.json"))["verdict"]
-        say("\n".join([f"{case.name}:", *(f"  {line}" for line in verdict), f"  Page: {page}"]))
+    else:
+        verdict = [case.no_controller or _ASKS_FOR_NONE.format(case.name)]
+        page = endings.write_page(folder, verdict, bounded=True)
+    say("\n".join([f"{case.name}:", *(f"  {line}" for line in verdict), f"  Page: {page}"]))
 
 
 def require_made(result: Path) -> Path:
@@ -229,46 +241,3 @@ def sweep(
     if not looks_on(words):
         require_made(Path(target))
         say(f"{path.stem}: {len(points)} points. Page: {target}, table: {Path(target).parent}/table.parquet")
-
-
-_FAILED = re.compile(r"^Error in rule ([^:]+):$", re.MULTILINE)
-_LOG = re.compile(r"^    log: ([^,\n]+?)(?: \(check log file|,|$)", re.MULTILINE)
-_ERROR = re.compile(r"^\S+ \S+ ERROR (.+)$", re.MULTILINE)
-
-
-def reasons(run_logs: Sequence[Path], folder: Path = Path()) -> list[str]:
-    """For each job that failed its own reason, as its log has it last, in a line that names the log; each once.
-
-    What `check` refuses stands last, where it is read: other jobs of the case may have met the same mistake, later.
-
-    Args:
-        run_logs: what Snakemake wrote of the run.
-        folder: where paths of the run start from.
-    """
-    text = "".join(_text(path) for path in run_logs)
-    starts = [match.start() for match in _FAILED.finditer(text)]
-    ends = [*starts[1:], len(text)]
-    blocks = sorted((text[a:b] for a, b in zip(starts, ends, strict=True)), key=_of_check) if starts else []
-    return list(dict.fromkeys(_reason(block, folder) for block in blocks))
-
-
-def _of_check(block: str) -> bool:
-    failed = _FAILED.search(block)
-    return failed is not None and failed.group(1) == "check"
-
-
-def _reason(block: str, folder: Path) -> str:
-    """Reason of one job, from where Snakemake speaks of its end."""
-    failed, log = _FAILED.search(block), _LOG.search(block)
-    rule = failed.group(1) if failed is not None else ""
-    if log is None:
-        return f"the rule {rule} failed"
-    told = _ERROR.findall(_text(folder / log.group(1)))
-    return f"{told[-1]} [{rule}, {log.group(1)}]" if told else f"the rule {rule} ended without a reason: {log.group(1)}"
-
-
-def _text(path: Path) -> str:
-    try:
-        return reading.read_text(path, errors="replace")
-    except OSError:
-        return ""

@@ -44,6 +44,7 @@ class Case(Section):
         pattern=r"^[a-z][a-z0-9_-]*$", max_length=100, description="Short name; results go to results/<name>."
     )
     title: str = Field("", description="Title of the report.")
+    no_controller: str = Field("", description="Why the case asks for none, for the page of a run that ends with it.")
     plant: PlantSection = Field(description="The nominal model.")
     domain: DomainSection | None = Field(None, description="Sampling time, states and inputs.")
     simulator: SimulatorSection | None = Field(None, description="The high-fidelity side.")

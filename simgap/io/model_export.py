@@ -189,7 +189,7 @@ def write_inertial(link: ElementTree.Element, p: Floats) -> None:
     ElementTree.SubElement(own, "origin", {"xyz": " ".join(f"{c:.9g}" for c in com), "rpy": "0 0 0"})
     ElementTree.SubElement(own, "mass", {"value": f"{m:.9g}"})
     values = about[np.triu_indices(3)]
-    ElementTree.SubElement(own, "inertia", {n: f"{v:.12g}" for n, v in zip(_NAMES, values, strict=True)})
+    ElementTree.SubElement(own, "inertia", {n: repr(float(v)) for n, v in zip(_NAMES, values, strict=True)})
 
 
 def _move_meshes(robot: ElementTree.Element, source: Path, folder: Path) -> None:

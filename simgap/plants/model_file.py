@@ -7,7 +7,7 @@ in the air is right for nothing, so `base_of` tells as far as the file shows it.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -18,7 +18,7 @@ import numpy as np
 from simgap import reading
 from simgap.arrays import Floats
 from simgap.errors import excerpt
-from simgap.plants.urdf_checks import check_urdf
+from simgap.plants.urdf_checks import check_urdf, links_moved, principal_moments
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,46 +68,32 @@ class ModelFile:
     driven: tuple[str, ...] | None
 
 
-def read_model_file(path: Path, meshes: bool = True) -> ModelFile:
-    """The numbers of a URDF; `meshes` as in `check_urdf`.
+def read_model_file(path: Path, check: Callable[[Path], None] = check_urdf) -> ModelFile:
+    """The numbers of a URDF.
 
     Raises:
-        UserError: what `check_urdf` refuses.
+        UserError: what `check` refuses, at least what `check_structure` does.
     """
-    check_urdf(path, meshes)
+    check(path)
     robot = reading.read_xml(path)
     links = {str(link.get("name")): link for link in robot.findall("link")}
     weighed = {name: _link(link) for name, link in links.items() if link.find("inertial/mass") is not None}
     geared = {str(j.get("name")) for t in robot.findall("transmission") for j in t.findall("joint") if _geared(t)}
     joints = {str(j.get("name")): _joint(j, geared) for j in robot.findall("joint") if j.get("type") != "fixed"}
-    bare = tuple(name for name in _carried(robot) if name not in weighed)
+    bare = tuple(name for name in links_moved(robot) if name not in weighed)
     named = tuple(dict.fromkeys(str(mesh.get("filename")) for mesh in robot.iter("mesh")))
     geared_to = [str(j.get("name")) for t in robot.findall("transmission") for j in t.findall("joint")]
     driven = tuple(name for name in joints if name in geared_to) if geared_to else None
     return ModelFile(path, weighed, bare, joints, named, driven)
 
 
-def _carried(robot: ElementTree.Element) -> list[str]:
-    """Links that some joint moves, by itself or through fixed ones."""
-    moved: list[str] = []
-    ends = [(j.get("type"), j.find("parent"), j.find("child")) for j in robot.findall("joint")]
-    pairs = [(kind, str(a.get("link")), str(b.get("link"))) for kind, a, b in ends if a is not None and b is not None]
-    while True:
-        more = [c for kind, p, c in pairs if (kind != "fixed" or p in moved) and c not in moved]
-        if not more:
-            return moved
-        moved += more
-
-
 def _link(link: ElementTree.Element) -> Link:
     mass, inertia, origin = (link.find(f"inertial/{tag}") for tag in ("mass", "inertia", "origin"))
-    ixx, iyy, izz, ixy, ixz, iyz = (
-        0.0 if inertia is None else float(inertia.get(name, "0")) for name in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-    )
-    moments = np.linalg.eigvalsh(np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]]))
     com = "0 0 0" if origin is None else origin.get("xyz", "0 0 0")
     return Link(
-        0.0 if mass is None else float(mass.get("value", "0")), moments, np.array([float(v) for v in com.split()])
+        0.0 if mass is None else float(mass.get("value", "0")),
+        principal_moments(inertia),
+        np.array([float(v) for v in com.split()]),
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NoReturn
@@ -31,7 +31,9 @@ NUMBERS: Mapping[str, Mapping[str, int]] = {
     "dynamics": {"damping": 1, "friction": 1},
 }
 """Attributes that hold numbers: by element, how many numbers each."""
-NOT_NEGATIVE = {("dynamics", "damping"), ("dynamics", "friction"), ("limit", "effort"), ("limit", "velocity")}
+NOT_NEGATIVE = {
+    ("mass", "value"), ("dynamics", "damping"), ("dynamics", "friction"), ("limit", "effort"), ("limit", "velocity"),
+}  # fmt: skip
 POSITIVE = {("box", "size"), ("sphere", "radius"), ("cylinder", "radius"), ("cylinder", "length")}
 TRUST = "SIMGAP_TRUST_MODEL_FILES"
 """Environment variable: 1 where models may name files anywhere."""
@@ -42,29 +44,34 @@ _FORMATS = {
     "sdf": "It is SDF: convert it to a URDF.",
 }
 _UNIT = 1e-3  # from length 1, of an axis that is rounded to three decimals
-_SLACK = 1e-9  # of the largest moment: decimals of a file are rounded
-_NOTHING = 1e-20  # kg m^2: what is left of a rotated zero
+_ROUNDING = 16.0 * float(np.finfo(np.float64).eps)
+"""What Drake takes for rounding of a moment of inertia, kg m^2, or of the largest if that is more (measured)."""
 
 
-def check_urdf(path: Path, meshes: bool = True) -> None:
+def check_urdf(path: Path) -> None:
     """Refuse what engines would silently complete or correct each in its own way.
 
-    A link without `<inertial>` gets mass 1 and inertia 1, 1, 1 in PyBullet and nothing in Drake; a negative moment is
-    an error in one engine and a plausible motion in another. Shapes, axes of joints that do not move and tags that
-    nobody knows enter no motion, and are not looked at.
+    Shapes, axes of joints that do not move and tags that nobody knows enter no motion, and are not looked at.
 
-    Args:
-        meshes: whether the files that it names are to lie in its folders; False where none will be opened.
+    Raises:
+        UserError: what `check_structure` or `check_bodies` refuses, or files beyond the folders of the model.
+    """
+    check_structure(path)
+    for part in _root(path):
+        for element in part.iter():
+            _check_place(path, part, element)
+    check_bodies(path)
+
+
+def check_structure(path: Path) -> None:
+    """Refuse a file that is no tree of links and joints with numbers.
 
     Raises:
         UserError: missing file, broken XML, another format, names that are missing or not there, numbers that are none,
-            a moving link without mass and inertia, or an inertia that no body has; with file, link or joint, attribute.
+            closed chains; with file, link or joint, attribute.
     """
     robot = _root(path)
     parts = [part for part in robot if part.tag in _NAMED]
-    for part in robot if meshes else ():
-        for element in part.iter():
-            _check_place(path, part, element)
     for part in parts:
         if not (part.get("name") or "").strip():
             _refuse(path, part, "name", "is missing or empty", "Name every link and joint.")
@@ -84,7 +91,27 @@ def check_urdf(path: Path, meshes: bool = True) -> None:
                 _refuse(path, joint, f"<{end}> link", "names no link of this file", remedy)
         _check_range(path, joint)
     _check_tree(path, joints)
-    moving = {joint.find("child").get("link") for joint in joints.values() if joint.get("type") != "fixed"}  # type: ignore[union-attr]
+
+
+def check_bodies(path: Path, locked: Collection[str] = (), floating: bool = False) -> None:
+    """Refuse bodies with which engines would compute each in its own way, of a file that `check_structure` has taken.
+
+    A link without `<inertial>` gets mass 1 and inertia 1, 1, 1 in PyBullet and nothing in Drake. In place of moments
+    that no body has PyBullet takes 0 and Drake those of a small sphere, both in silence, and MuJoCo refuses the file.
+
+    Args:
+        locked: joints that the case holds still. floating: whether the root moves, and all that is fixed to it.
+
+    Raises:
+        UserError: a moving link without mass and inertia, or an inertia that no body has.
+    """
+    robot = _root(path)
+    links = {str(link.get("name")): link for link in robot.findall("link")}
+    moving = {
+        joint.find("child").get("link")  # type: ignore[union-attr]
+        for joint in robot.findall("joint")
+        if joint.get("type") != "fixed" and joint.get("name") not in locked
+    }
     bare = [name for name in links if name in moving and _massless(links[name])]
     if bare:
         raise UserError(
@@ -92,9 +119,22 @@ def check_urdf(path: Path, meshes: bool = True) -> None:
             key=f"link {', '.join(repr(excerpt(name, 40)) for name in bare[:4])}{' ...' * (len(bare) > 4)}",
             remedy="Add <inertial> with <mass> and <inertia>; engines invent different ones.",
         )  # fmt: skip
-    for name, link in links.items():
-        if name != "world":  # which moves nowhere
-            _check_inertia(path, link)
+    for name in links if floating else links_moved(robot, locked):
+        _check_inertia(path, links[name])
+
+
+def links_moved(robot: ElementTree.Element, locked: Collection[str] = ()) -> list[str]:
+    """Links that some joint moves, by itself or through others; `locked` joints move nothing themselves."""
+    moved: list[str] = []
+    ends = [(j, j.find("parent"), j.find("child")) for j in robot.findall("joint")]
+    pairs = [
+        (j.get("type") == "fixed" or j.get("name") in locked, str(a.get("link")), str(b.get("link")))
+        for j, a, b in ends
+        if a is not None and b is not None
+    ]
+    while more := [c for held, p, c in pairs if (not held or p in moved) and c not in moved]:
+        moved += more
+    return moved
 
 
 @contextmanager
@@ -273,24 +313,26 @@ def _massless(link: ElementTree.Element) -> bool:
 
 
 def _check_inertia(path: Path, link: ElementTree.Element) -> None:
-    mass, inertia = link.find("inertial/mass"), link.find("inertial/inertia")
-    if mass is not None and float(mass.get("value", "0")) < 0.0:
-        _refuse(path, link, "<mass> value", f"'{mass.get('value')}' is negative", "Correct it.")
+    """Of a body's principal moments the largest is at most the sum of the others, and so none is negative."""
+    inertia = link.find("inertial/inertia")
     if inertia is None:
         return
-    ixx, iyy, izz, ixy, ixz, iyz = (float(inertia.get(name, "0")) for name in NUMBERS["inertia"])
-    for name, value in (("ixx", ixx), ("iyy", iyy), ("izz", izz)):
-        if value < 0:
-            _refuse(path, link, f"<inertia> {name}", f"'{value:g}' is negative", "No body has such an inertia.")
-    moments = np.linalg.eigvalsh(np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]]))
-    if moments[0] < -slack(moments):
-        why = f"its smallest principal moment is {moments[0]:.3g}"
-        _refuse(path, link, "<inertia>", why, "No body has such an inertia.")
+    least, middle, most = moments = principal_moments(inertia)
+    excess = most - middle - least
+    if excess > _ROUNDING * max(1.0, most):
+        why = (
+            f"no body has principal moments of {', '.join(f'{v:.4g}' for v in moments)} kg m^2, the largest exceeds "
+            f"the sum of the others by {excess:.2g}; Drake would take a sphere's, PyBullet 0, and MuJoCo refuses"
+        )
+        _refuse(path, link, "<inertia>", why, "Correct it, for instance to that of a uniform body of its shape.")
 
 
-def slack(moments: Floats) -> float:
-    """Up to which a condition on principal moments holds: a file has so many decimals."""
-    return max(_SLACK * float(np.abs(moments).max()), _NOTHING)
+def principal_moments(inertia: ElementTree.Element | None) -> Floats:
+    """Of an `<inertia>`, kg m^2, ascending (3,); zeros for none."""
+    ixx, iyy, izz, ixy, ixz, iyz = (
+        0.0 if inertia is None else float(inertia.get(name, "0")) for name in NUMBERS["inertia"]
+    )
+    return np.asarray(np.linalg.eigvalsh(np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])))
 
 
 def root_link(path: Path) -> str:
@@ -331,8 +373,9 @@ def check_floating_root(path: Path) -> None:
         path: a file that `check_urdf` has taken.
 
     Raises:
-        UserError: such a root.
+        UserError: such a root, or an inertia of the root or of what is fixed to it that no body has.
     """
+    check_bodies(path, floating=True)
     name = root_link(path)
     link = next(part for part in _root(path).findall("link") if part.get("name") == name)
     mass, inertia = link.find("inertial/mass"), link.find("inertial/inertia")

@@ -15,7 +15,6 @@ from simgap.arrays import Floats
 from simgap.config.case import Case
 from simgap.errors import Finding
 from simgap.plants.model_file import FileJoint, Link, ModelFile
-from simgap.plants.urdf_checks import slack
 from simgap.simulators.base import FileTraits
 
 SAME = 1e-3
@@ -46,12 +45,6 @@ def _links(case: Case, file: ModelFile, loaded: Mapping[str, Link]) -> Iterator[
         declared = file.links.get(name)
         if declared is None:
             continue
-        if declared.moments[:2].sum() < declared.moments[2] - slack(declared.moments):
-            yield Finding(
-                f"link '{name}'", f"no rigid body has the principal moments {_list(declared.moments)} kg m^2: the "
-                "largest exceeds the sum of the others; engines that take the file compute with them",
-                "Correct <inertia>.",
-            )  # fmt: skip
         if differs(own.mass, declared.mass):
             yield Finding(
                 f"link '{name}'", f"the engine computes with {own.mass:g} kg, the file says {declared.mass:g} kg",
@@ -65,10 +58,11 @@ def _links(case: Case, file: ModelFile, loaded: Mapping[str, Link]) -> Iterator[
             )
         if differs(own.moments, declared.moments):
             by_key = getattr(case.simulator, "inertia", None) == "engine"
+            which = f"link '{name}'" if by_key else "it"
             yield Finding(
                 "simulator.inertia" if by_key else f"link '{name}'",
-                f"the engine computes link '{name}' with the principal moments {_list(own.moments)} kg m^2, the file "
-                f"says {_list(declared.moments)}",
+                f"the engine computes {which} with the principal moments "
+                f"{_list(own.moments)} kg m^2, the file says {_list(declared.moments)}",
                 "With `inertia: file` it takes the file's." if by_key else "Look at <inertia>.",
             )
 

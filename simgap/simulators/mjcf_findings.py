@@ -91,7 +91,7 @@ def of_nominal(case: Case, urdf: Path) -> Mapping[str, Felt]:
 
 
 LEARN = "Declare {} in plant.effects if the model should know it; gamma covers it otherwise."
-COVERED = "Correct one of the files, unless that is the gap you want to measure."
+COVERED = "Correct the MJCF file or the URDF, unless that is the gap you want to measure."
 
 
 def findings(case: Case, folder: Path) -> list[Finding]:
@@ -201,9 +201,12 @@ def _options(case: Case, model: Any) -> Iterator[Finding]:
     bits = [b for b in mujoco.mjtDisableBit.__members__.values() if b.name not in ("mjDSBL_AUTORESET", "mjNDISABLE")]
     off = [b.name.removeprefix("mjDSBL_").lower() for b in bits if option.disableflags & b.value]
     if off:
-        yield Finding("simulator.mjcf", f"its <flag> switches off: {', '.join(off)}", COVERED)
+        yield Finding("simulator.mjcf", f"its <flag> switches off: {', '.join(off)}", "Take it out if it is not meant.")
     if model.neq:
-        yield Finding("simulator.mjcf", f"it has {model.neq} equality constraints, the nominal model none", COVERED)
+        yield Finding(
+            "simulator.mjcf", f"it has {model.neq} equality constraints, the nominal model none",
+            "Take them out, unless that is the gap you want to measure.",
+        )  # fmt: skip
 
 
 def _touching(case: Case, model: Any) -> Iterator[Finding]:

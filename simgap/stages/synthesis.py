@@ -16,11 +16,9 @@ from simgap.effects import effect
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.geometry import Box
-from simgap.io.atomic import write_text
 from simgap.io.controller_file import save_controller
 from simgap.io.documents import read_json, write_json
 from simgap.io.gap_file import SavedGap, load_gap
-from simgap.io.pages import render
 from simgap.lint.costs import affordable, costs
 from simgap.model.integrators import nominal_paths
 from simgap.model.sampled import NominalModel
@@ -40,8 +38,7 @@ from simgap.synthesis.games.game import PreviousBounds
 from simgap.synthesis.synthesise import EmptyDomain, SynthesisProblem, synthesise
 
 FIRST_INPUT = 1e-9  # how far the first input may be from the one of U that it is
-EMPTY_PAGE = "empty.html.j2"
-EMPTY_FIGURES = "empty.json"
+EMPTY_FIGURES = "empty.json"  # which the page of a run without a controller shows
 PATH_POINTS = 20  # poses on the nominal path between two samples
 
 
@@ -64,6 +61,7 @@ def run(
     Raises:
         UserError: a specification that does not fit the domain, or that no controller can meet, with the reason.
     """
+    summary.with_name(EMPTY_FIGURES).unlink(missing_ok=True)  # of an earlier run that won nothing
     context = Context.load(case_path)
     record = provenance("synthesis", context.case, context.folder, rests=CONTROLLED[1:] if gap_path is not None else ())
     if baseline:
@@ -73,8 +71,6 @@ def run(
         problem, between = pose_problem(context, gap_path)
         began = time.perf_counter()
         solution = _solved(context, problem, gap_path, record, summary, threads)
-    for name in (EMPTY_FIGURES, "empty.html"):  # of an earlier run that won nothing
-        summary.with_name(name).unlink(missing_ok=True)
     log.info("%d of %d cells win (%.4f)", solution.winning.sum(), solution.free.sum(), solution.fraction)
     log.info("synthesis took %.2f s, compilation included", time.perf_counter() - began)
     section = context.need(context.case.synthesis, "synthesis")
@@ -106,7 +102,7 @@ def _solved(
     summary: Path,
     threads: int,
 ) -> Solution:
-    """The solution; where there is none, why: as a block of the log, in the summary and on a page beside it.
+    """The solution; where there is none, why: as a block of the log, in the summary and in a file beside it.
 
     Raises:
         EmptyDomain: no cell wins.
@@ -121,11 +117,7 @@ def _solved(
         figures = {"model": model, "cells": list(problem.cells), "inputs": len(problem.inputs), "winning_cells": 0}
         for file in (summary, summary.with_name(EMPTY_FIGURES)):  # a failed job of the workflow loses its outputs
             write_json(file, {**figures, "empty": found.to_json(), "provenance": record})
-        page = summary.with_name("empty.html")
-        write_text(page, render(EMPTY_PAGE, title=context.case.title or context.case.name, found=found, model=model))
-        raise EmptyDomain(
-            f"{error.problem}: {found.sentence.rstrip('.')}", file=error.file, key=error.key, remedy=f"See {page}"
-        ) from None
+        raise EmptyDomain(f"{error.problem}: {found.sentence}", file=error.file, key=error.key) from None
 
 
 def _parts(context: Context, gap_path: Path | None) -> dict[str, GammaParts]:

@@ -1,14 +1,17 @@
 """A URDF that engines would read differently, or that no body can be, is refused by file, link and attribute."""
 
+import numpy as np
 import pytest
 
 from simgap.errors import UserError
 from simgap.plants.urdf import multibody_plant
-from simgap.plants.urdf_checks import check_floating_root, check_urdf
+from simgap.plants.urdf_checks import check_bodies, check_floating_root, check_urdf
 
 CHANGES = {
-    "negative moment": ('iyy="0.33333"', 'iyy="-1"', r"link '.*': <inertia> iyy: '-1' is negative"),
-    "not semidefinite": ('ixy="0"', 'ixy="5"', "smallest principal moment"),
+    "negative moment": ('iyy="0.33333"', 'iyy="-1"', r"link 'rod': <inertia>: no body has principal moments of -1, 0"),
+    "not semidefinite": ('ixy="0"', 'ixy="5"', "principal moments of -4.667, 0.001, 5.333 kg m"),
+    "more than a body's inertia": ('iyy="0.33333"', 'iyy="9"', "exceeds the sum of the others by 8.7; Drake would"),
+    "products too large": ('ixy="0"', 'ixy="0.2"', "of 0.001, 0.1333, 0.5333 kg m"),
     "moment no number": ('iyy="0.33333"', 'iyy="x"', "<inertia> iyy: 'x' is not one number"),
     "mass abc": ('mass value="1.0"', 'mass value="abc"', r"<mass> value: 'abc' is not one number"),
     "mass negative": ('mass value="1.0"', 'mass value="-1"', "<mass> value: '-1' is negative"),
@@ -81,7 +84,8 @@ IRRELEVANT = {
     "tags that nobody knows": ('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><safety_controller k="none"/><gazebo/>'),
     "blanks before it": ('<?xml version="1.0"?>', '\n  <?xml version="1.0"?>'),
     "a zero behind it": ("</robot>\n", "</robot>\n\0"),
-    "more than a body's inertia": ('iyy="0.33333"', 'iyy="9"'),  # `check` tells of it
+    "a body that does not move": ('<link name="base"/>', '<link name="base"><inertial><mass value="1"/><inertia '
+                                  'ixx="9" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'),
 }  # fmt: skip
 
 
@@ -94,6 +98,63 @@ def test_what_enters_no_motion_is_no_reason_to_refuse(tmp_path, name):
     check_urdf(path)
     _, joints = multibody_plant(path, (0.0, 0.0, -9.81))
     assert joints == ["hinge"]
+
+
+PLATES = ((0.1, 0.7), (1e-7, 3e-7), (0.0, 0.3), (12.3, 45.6))
+EXCESS = (0.0, 1e-16, 1e-14, 1e-12, 1e-9, 1e-3)
+
+
+@pytest.mark.parametrize("least", PLATES)
+@pytest.mark.parametrize("share", EXCESS)
+def test_an_inertia_is_taken_if_and_only_if_drake_computes_with_it(tmp_path, least, share):
+    """On flat plates, at the edge of what a body can be: beyond it Drake takes a sphere's, PyBullet 0."""
+    a, b = least
+    most = (a + b) * (1 + share)
+    path = tmp_path / "model.urdf"
+    path.write_text(
+        GOOD.replace('ixx="0.33333"', f'ixx="{a!r}"')
+        .replace('iyy="0.33333"', f'iyy="{b!r}"')
+        .replace("0.001", repr(most))
+    )
+    plant, _ = multibody_plant(path, (0.0, 0.0, -9.81))
+    spatial = plant.GetBodyByName("rod").default_spatial_inertia()
+    central = spatial.Shift(spatial.get_com()).CalcRotationalInertia().get_moments()
+    if np.allclose(central, (a, b, most), rtol=1e-6, atol=1e-12):
+        check_bodies(path)
+    else:
+        with pytest.raises(UserError, match="no body has principal moments"):
+            check_bodies(path)
+
+
+def test_bullet_computes_an_impossible_inertia_as_none(tmp_path):
+    """What the refusal says of it."""
+    pybullet = pytest.importorskip("pybullet")
+    path = tmp_path / "impossible.urdf"
+    path.write_text(GOOD.replace('iyy="0.33333"', 'iyy="9"'))
+    client = pybullet.connect(pybullet.DIRECT)
+    body = pybullet.loadURDF(
+        str(path), useFixedBase=True, flags=pybullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=client
+    )
+    assert pybullet.getDynamicsInfo(body, 0, physicsClientId=client)[2] == (0.0, 0.0, 0.0)
+    pybullet.disconnect(client)
+
+
+def test_only_bodies_that_move_in_the_case_need_an_inertia(tmp_path):
+    path = tmp_path / "model.urdf"
+    hand = WEIGHT.format(MASS.format(1) + '<inertia ixx="9" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>')
+    path.write_text(
+        GOOD.replace(
+            "</robot>",
+            f'<link name="hand">{hand}</link><joint name="wrist" type="continuous"><parent link="rod"/>'
+            '<child link="hand"/><axis xyz="0 1 0"/></joint></robot>',
+        )
+    )
+    for locked in ([], ["hinge"], ["wrist"]):  # locked to a rod that moves, the hand moves
+        with pytest.raises(UserError, match="link 'hand': <inertia>"):
+            check_bodies(path, locked)
+    check_bodies(path, ["hinge", "wrist"])
+    with pytest.raises(UserError, match="link 'hand'"):
+        check_bodies(path, ["hinge", "wrist"], floating=True)
 
 
 def test_links_without_mass_are_told_together_in_one_line(tmp_path, capfd):

@@ -137,7 +137,7 @@ def test_a_case_of_four_states_has_the_numbers_that_were_found(root, tmp_path, m
     assert limits == {"u1": 100.0, "u2": 100.0}
     assert room["q1"] == (-12.6, 12.6)
     assert room["v2"] == (-100.0, 100.0)
-    assert "every joint is assumed to have a drive" in notes[0]
+    assert "the URDF states an effort for each" in notes[0]
     assert "alone wins 0.25 of X; the case uses 12 x 12 x 14 x 14 cells" in notes[1]
 
 

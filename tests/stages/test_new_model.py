@@ -84,6 +84,23 @@ def test_a_case_of_one_joint_of_an_arm_stands_beside_its_file(tmp_path):
         run("mine", urdf(tmp_path, chain("a", 4)), tmp_path, joints=["ja2"])
 
 
+IMPOSSIBLE = '<inertia ixx=".02" ixy="0" ixz="0" iyy=".06" iyz="0" izz=".01"/>'
+
+
+def test_an_inertia_that_no_body_has_is_refused_where_its_body_moves(tmp_path):
+    """Engines would replace it, each by another one, before joints are locked and bodies composed."""
+    whole = WEIGHT.format(at="0 0.02 -0.2", m=1.0)
+    weight = whole[: whole.index("<inertia ")] + IMPOSSIBLE + "</inertial>"
+    path = urdf(tmp_path, chain("a", 4).replace(whole, weight, 1))  # of a0, which ja0 moves
+    for kept in (None, ["ja0"]):
+        with pytest.raises(
+            UserError, match=r"given\.urdf: link 'a0': <inertia>: no body has .* 0\.01, 0\.02, 0\.06 kg"
+        ):
+            run("mine", path, tmp_path, joints=kept)
+    assert [p.name for p in tmp_path.iterdir()] == ["given.urdf"]
+    run("mine", path, tmp_path, joints=["ja2"])
+
+
 def wheel(name, place):
     shape = '<collision><geometry><cylinder radius="0.1" length="0.05"/></geometry></collision>'
     return link(name, more=shape) + joint(f"j{name}", "base", name, "continuous", place=place)

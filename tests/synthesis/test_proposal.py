@@ -2,7 +2,10 @@
 
 import math
 import os
+import select
 import signal
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -84,6 +87,7 @@ def test_what_is_proposed_is_won_within_the_limits(limit):
     assert (hi < weight) == (limit is not None and limit < weight)
     assert found.X["q"][1] == pytest.approx(found.part * 0.25, rel=0.05)
     assert ("X is small" in Numbers(found, {}, 2).small) == (found.X["q"][1] < 0.125)
+    assert ("because of the inputs' limits. Tau" in Numbers(found, {}, 2).small) == (limit is not None)
     assert 0.2 / np.sqrt(14.715) * 0.9 <= found.tau <= 0.8 / np.sqrt(14.715) * 1.1
 
 
@@ -239,6 +243,7 @@ def test_an_arm_with_two_motors_gets_a_box_to_reach_within_its_limits():
     for name, (lo, hi) in found.target.items():
         assert found.X[name][0] < lo < hi < found.X[name][1]
     assert any("trying 16 cells along each axis" in words for words in heard)
+    assert "the inputs' limits" in found.narrowed
 
 
 def test_a_stop_nearby_asks_for_weaker_torques(monkeypatch):
@@ -289,6 +294,27 @@ def test_what_a_search_raises_or_dies_of_is_no_answer():
         last_within(10.0, lambda tell: os.kill(os.getpid(), signal.SIGKILL), print)
 
 
+PARENT = """
+import os, sys, time
+from simgap.extras.wizard.deadline import last_within
+def search(tell):
+    print(os.getpid(), flush=True)
+    while True:
+        pass
+    yield
+last_within(60.0, search, print)
+"""
+
+
+def test_a_search_ends_with_the_command_that_is_killed():
+    command = subprocess.Popen([sys.executable, "-c", PARENT], stdout=subprocess.PIPE, text=True)
+    child = os.pidfd_open(int(command.stdout.readline()))
+    command.kill()
+    assert select.select([child], [], [], 5.0)[0], "it lives on"
+    command.communicate()
+    os.close(child)
+
+
 def test_what_was_found_before_a_search_fails_or_dies_is_its_answer():
     def fails(tell):
         yield 1
@@ -298,7 +324,13 @@ def test_what_was_found_before_a_search_fails_or_dies_is_its_answer():
         yield 2
         os.kill(os.getpid(), signal.SIGKILL)
 
+    def refused(tell):
+        yield UserError("not yet")
+        raise UserError("never")
+
     assert last_within(math.inf, fails, print) == 1
+    with pytest.raises(UserError, match="never"):
+        last_within(math.inf, refused, print)
     assert last_within(10.0, dies, print) == 2
 
 

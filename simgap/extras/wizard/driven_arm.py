@@ -67,6 +67,8 @@ class Tried:
     """What share of what the inputs do in a step was played against, as a gap."""
     target: Mapping[str, tuple[float, float]] | None = None
     """What is to be reached, by state, if anything is."""
+    narrowed: tuple[str, ...] = ()
+    """What left X narrower than sought, each as a noun phrase."""
 
 
 def is_driven(model: SymbolicModel) -> bool:
@@ -87,7 +89,14 @@ def driven(
     Raises:
         UserError: nothing can be won, with what stands in the way.
     """
-    tau = rounded(min(LONGEST, TURN / posture.rate, _longest_against_pull(model, posture)))
+    taus = {
+        "": LONGEST,
+        f"a fastest motion of {posture.rate:.3g} 1/s (damping, gravity or springs against the inertia)": TURN
+        / posture.rate,
+        "the pull of gravity or springs at its edge": _longest_against_pull(model, posture),
+    }
+    shortest = min(taus, key=taus.__getitem__)
+    tau = rounded(taus[shortest])
     check_room([c.position for c in model.coordinates], np.full(2, FARTHEST), room)
     own, flow = sampled(tau), flow_of(model)
     names, axes = model.state_names, [(c.position, c.velocity) for c in model.coordinates]
@@ -106,7 +115,7 @@ def driven(
         for k in range(TIMES):
             steps = np.array([rounded(scale / WEAKER**k / math.sqrt(g) / (VALUES // 2), down=True) for g in gains])
             inputs = VALUES // 2 * steps
-            half = _half(own, posture, inputs, axes, names, room, tau, cells)
+            half, stopped = _half(own, posture, inputs, axes, names, room, tau, cells)
             half = np.array([rounded(v, down=True) for v in half])
             told = ", ".join(f"{n} +-{v:g}" for n, v in zip(names, half, strict=True))
             tell(f"trying {cells} cells along each axis: {told}" + (f"; best so far {best:.2g}" if best else ""))
@@ -114,7 +123,15 @@ def driven(
             if wins is not None and wins > best:
                 best, fine = wins, (math.ceil(MORE * cells),) * len(names)
                 target = _target(model, posture, half)
-                yield Tried(tau, fine, tuple(inputs), tuple(steps), tuple(half), wins, GUESS, target)
+                causes = {
+                    f"{shortest}, which asks for a tau of {tau:g} s": bool(shortest),
+                    "the inputs' limits": scale < size,
+                    "the joints' limits": stopped,
+                    "one joint's pull on the other": k > 0,
+                }
+                narrowed = tuple(words for words, holds in causes.items() if holds)
+                narrowed = narrowed or ("how differently the inputs move the joints",)
+                yield Tried(tau, fine, tuple(inputs), tuple(steps), tuple(half), wins, GUESS, target, narrowed)
                 if wins >= ENOUGH:
                     return
             elif not best:
@@ -165,9 +182,9 @@ def changed(own: NominalModel, posture: Posture, inputs: Floats) -> Floats:
 def _half(
     own: NominalModel, posture: Posture, inputs: Floats, axes: list[tuple[str, str]], names: tuple[str, ...],
     room: Mapping[str, tuple[float, float]], tau: float, cells: int,
-) -> Floats:  # fmt: skip
-    """Half-widths of X for these inputs, (nx,)."""
-    moved, half = changed(own, posture, inputs), np.zeros(len(names))
+) -> tuple[Floats, bool]:  # fmt: skip
+    """Half-widths of X for these inputs, (nx,), and whether the room of a state makes them less."""
+    moved, half, stopped = changed(own, posture, inputs), np.zeros(len(names)), False
     for q, v in axes:
         j, k = names.index(q), names.index(v)
         speed = moved[k] / GAIN
@@ -175,8 +192,10 @@ def _half(
         half[k] = min(speed, 0.9 * hi, -0.9 * lo)
         stops = room.get(q, (-math.inf, math.inf))
         free = min(stops[1] - posture.x[j], posture.x[j] - stops[0]) - 1.5 * tau * half[k]
-        half[j] = min(half[k] * tau * cells / (2 * CELLS_A_STEP), free, FARTHEST)
-    return half
+        wide = min(half[k] * tau * cells / (2 * CELLS_A_STEP), FARTHEST)
+        half[j] = min(wide, free)
+        stopped |= bool(half[k] < speed or half[j] < wide)
+    return half, stopped
 
 
 def _size(
@@ -184,7 +203,7 @@ def _size(
     cells: int,
 ) -> float:  # fmt: skip
     """Of the inputs, times the root of their gain, with which X is as wide as it may be."""
-    one = _half(own, posture, 1e-3 / np.sqrt(gains), axes, names, {}, tau, cells)
+    one, _ = _half(own, posture, 1e-3 / np.sqrt(gains), axes, names, {}, tau, cells)
     widest = max(one[names.index(q)] for q, _ in axes)
     return 1e-3 * FARTHEST / widest
 

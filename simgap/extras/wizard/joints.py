@@ -63,7 +63,7 @@ def drives(file: ModelFile, named: Sequence[str] | None) -> tuple[tuple[str, ...
     if stated and len(stated) < len(joints):
         return stated, "the URDF states an effort for no other joint"
     if stated or len(joints) == 1:
-        return tuple(joints), "the URDF has no <transmission>, so every joint is assumed to have a drive"
+        return tuple(joints), "the URDF states an effort for each" if stated else "assumed of the only joint"
     raise UserError(
         "does not say which joints have a drive", file=file.path, key="<transmission>",
         remedy=f"Name them: --inputs {next(iter(joints))}, or --inputs {','.join(joints)} for all.",

@@ -271,7 +271,7 @@ def _link(robot: ElementTree.Element, name: str, model: Any, b: int, anchor: Flo
         moments = dict(zip(("ixx", "iyy", "izz"), model.body_inertia[b], strict=True)) | dict.fromkeys(
             ("ixy", "ixz", "iyz"), 0.0
         )
-        ElementTree.SubElement(own, "inertia", {key: f"{value:.12g}" for key, value in moments.items()})
+        ElementTree.SubElement(own, "inertia", {key: repr(float(value)) for key, value in moments.items()})
 
 
 def _moves(joint: ElementTree.Element, model: Any, j: int, effort: float | None) -> None:

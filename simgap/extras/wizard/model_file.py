@@ -23,7 +23,7 @@ from simgap.late import scipy
 from simgap.model.tree import Tree
 from simgap.plants.model_file import FileJoint, ModelFile, base_of, read_model_file
 from simgap.plants.urdf import load_tree
-from simgap.plants.urdf_checks import check_urdf, inside_folders, root_link
+from simgap.plants.urdf_checks import check_bodies, check_structure, check_urdf, inside_folders, root_link
 
 _OF_MOTION = ("axis", "limit", "dynamics", "mimic", "calibration", "safety_controller")
 
@@ -158,16 +158,17 @@ def model_of_urdf(path: Path, asked: Asked, note: Callable[[str], None]) -> NewM
         UserError: a file that cannot be taken, a base of which it says nothing, coupled joints, names or positions that
             are none of its joints'.
     """
-    file, robot = read_model_file(path, meshes=False), reading.read_xml(path)
+    file, robot = read_model_file(path, check_structure), reading.read_xml(path)
     check_positions(file.joints, asked.at)
     keep = _kept(path, file.joints, asked)
     standing = base_of(robot, file.driven)
     _check_base(path, standing.kind, standing.words, asked.base)
     refuse_coupled(path, file.joints, keep)
+    locked = [n for n in file.joints if n not in keep]
+    check_bodies(path, locked)  # of what the case has: of what is welded together engines see the whole
     absent = [
         m for m in file.meshes if not inside_folders(path, m) or not any(map(reading.is_file, places_of(path, m)[:1]))
     ]
-    locked = [n for n in file.joints if n not in keep]
     if not locked and not absent:
         return NewModel(file)
     places = {n: asked.at.get(n, centre_of(joint)) for n, joint in file.joints.items()}

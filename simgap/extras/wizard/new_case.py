@@ -26,7 +26,7 @@ from simgap.io.pages import text
 from simgap.io.wheeled_urdf import WheelPair, case_of_wheels, wheels_of
 from simgap.plants.model_file import ModelFile
 from simgap.plants.urdf import MOST_DERIVED
-from simgap.plants.urdf_checks import check_urdf, root_link
+from simgap.plants.urdf_checks import check_structure, check_urdf, root_link
 from simgap.reading import relative
 
 ENGINE_STEPS = 240
@@ -76,7 +76,7 @@ def run(
         if mjcf is not None or urdf is not None:
             asked = Asked(joints, at or {}, base, out / name)
             if urdf is not None:
-                check_urdf(urdf, meshes=False)
+                check_structure(urdf)
             if urdf is not None and base != "fixed" and (wheels := wheels_of(urdf)) is not None:
                 content = _of_wheels(name, urdf, out, wheels, asked, inputs, note)
             else:
@@ -148,13 +148,11 @@ def _of_joints(
             "not. The bound is a table of blocks, wide only where the friction reverses."
         )
     content = about | _plain(urdf, file, axes, about) | {"proposal": None, "refused": None}
-    content["substeps"] = RUBBING_STEPS if about["rubs"] else 1
-    if model.step is not None:
-        content["substeps"] = max(1, round(TAU / model.step))
+    content["substeps"] = RUBBING_STEPS if about["rubs"] else _usual_steps(TAU)
     if 1 < len(axes) <= MOST_DERIVED:
         content |= _proposed(about, urdf, file, out, tell, note, seconds)
-        if model.step is not None and content["proposal"] is not None:
-            content["substeps"] = max(1, round(float(content["tau"]) / model.step))
+    if model.step is not None:
+        content["substeps"] = max(1, round(content["tau"] / model.step))
     return text("new_urdf.yaml.j2", **content)
 
 
@@ -241,12 +239,16 @@ def _proposed(
 
 def _substeps(found: Proposal, axes: Sequence[Axis], rubs: Mapping[str, float]) -> int:
     """Of the engine within tau: its usual ones, or so many that a step of the friction is small beside the inputs."""
-    usual = max(1, round(ENGINE_STEPS * found.tau))
+    usual = _usual_steps(found.tau)
     if not rubs:
         return usual
     most = {a.joint: max(map(abs, found.U[a.drive][:2])) for a in axes if a.drive in found.U}
     share = max((force / most[joint] for joint, force in rubs.items() if most.get(joint)), default=0.0)
     return max(usual, min(MOST_STEPS, max(RUBBING_STEPS, math.ceil(2.0 * share / BLUR))))
+
+
+def _usual_steps(tau: float) -> int:
+    return max(1, round(ENGINE_STEPS * tau))
 
 
 def _step(needed: float, effort: float | None, values: int) -> float:

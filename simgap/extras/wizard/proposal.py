@@ -76,6 +76,7 @@ class Proposal:
         target: the box to reach, by state, where each joint has a motor. None for an X to stay in.
         against: the gap that was played against, as a share of what the largest inputs do in a step; 0 for none.
         rubs: whether what the joints' dry friction leaves as a gap was played against as well.
+        narrowed: what left X narrower than sought, each as a noun phrase.
     """
 
     tau: float
@@ -88,6 +89,7 @@ class Proposal:
     target: Mapping[str, tuple[float, float]] | None = None
     against: float = 0.0
     rubs: bool = False
+    narrowed: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,7 +209,9 @@ class Search:
                 problem = replace(problem, gap=self.rubs.gap(np.array(half), spread), gap_axes=kept)
         solution = specification.solve(problem.game())
         won = solution.fraction if solution.useful else 0.0
-        return Tried(self.sampled.tau, cells, inputs, tuple(steps), tuple(half), won, against)
+        shares = {"the joints' limits": float((box / self.sought()).min()), "the inputs' limits": fits}
+        narrowed = (min(shares, key=shares.__getitem__),)
+        return Tried(self.sampled.tau, cells, inputs, tuple(steps), tuple(half), won, against, narrowed=narrowed)
 
     def _step(self, k: int, half: float, count: int, down: bool) -> float:
         """Between values of input k that reach `half` from rest, rounded without passing what its drive gives."""
@@ -229,8 +233,8 @@ def _proposal(model: SymbolicModel, posture: Posture, best: Tried, part: float, 
         at = beside(rest, step)
         U[n] = (round(at - most, 12), round(at + most, 12), round(step, 12))
     X = {n: (float(x) - own, float(x) + own) for n, x, own in ends}
-    won = best.cells, best.wins, posture.free, part, best.target, best.against
-    return Proposal(best.tau, X, U, *won, rubs=rubs and best.against > 0.0)
+    won = best.cells, best.wins, posture.free, part, best.target, best.against, rubs and best.against > 0.0
+    return Proposal(best.tau, X, U, *won, best.narrowed)
 
 
 def beside(rest: float, step: float) -> float:
@@ -307,11 +311,16 @@ def _answers(
     search = Search(model, sampled(shape.tau), posture, shape, limits, room, rubbing(model, posture, rubs, shape.tau))
     search.check()
     tried: list[Tried] = []
+    yield _too_few(search, tried, "the time is up in the first game")
     rounds = search.rounds()
     for cells in rounds:
         for share in SHARES:
             best = max((t.wins for t in tried), default=0.0)
-            tell(f"trying {_shown(cells)} cells" + (f"; best so far {best:.2g}" if best else ""))
+            least = VALUES.get(len(model.inputs), FEWER) ** len(model.inputs)
+            tell(
+                f"trying {_shown(cells)} cells, {math.prod(cells) * least / 1e6:.2g} million pairs of cell and input"
+                + (f"; best so far {best:.2g}" if best else "")
+            )
             tried.append(search.play(cells, share))
             if tried[-1].wins >= WINS:
                 yield search.proposal(tried[-1])
@@ -319,19 +328,16 @@ def _answers(
                     yield search.proposal(held)
                 return
             yield _too_few(search, tried, "the time is up")
-    yield _too_few(search, tried, "more are beyond a quick search")
+    yield _too_few(search, tried, f"{'more' if tried else 'they'} are beyond a quick search")
 
 
 def _too_few(search: Search, tried: Sequence[Tried], why: str) -> UserError:
     most = max(tried, key=lambda t: (t.wins, math.prod(t.cells)), default=None)
-    asked = f"by its linear model it takes about {search.shape.size:,.0f} at tau = {search.shape.tau:g} s"
-    if most is not None:
-        asked = f"on {_shown(most.cells)} cells the nominal model alone wins {most.wins:.2g}, and {why}; {asked}"
-    else:
-        asked = f"the cells are too many for a quick search: {asked}"
+    won = f"on {_shown(most.cells)} cells the nominal model alone wins {most.wins:.2g}" if most is not None else ""
+    asked = f"by its linear model it takes about {search.shape.size:,.0f} cells at tau = {search.shape.tau:g} s"
     return UserError(
-        asked, key="synthesis.cells",
-        remedy="Give it another input or stronger ones, or begin with fewer states.",
+        "; ".join(filter(None, (won, asked, why))), key="synthesis.cells",
+        remedy="Search longer (--seconds), give it another input or stronger ones, or begin with fewer states.",
     )  # fmt: skip
 
 

@@ -13,6 +13,7 @@ from simgap.extras.wizard.driven_arm import rounded
 from simgap.extras.wizard.dry_friction_guess import blocks_along
 from simgap.extras.wizard.proposal import SECONDS, Proposal, propose
 from simgap.io.pages import text
+from simgap.notation import joined
 from simgap.plants.context import Context
 from simgap.plants.plant_model import PlantModel
 from simgap.synthesis.abstraction.cells import MAX_AXES
@@ -47,9 +48,8 @@ class Numbers:
         if part >= SMALL:
             return ""
         return (
-            f"X is small: {part:.2g} of the desired width in one state, because of joint limits, input limits or "
-            "coupling between joints. Stronger drives, or tau, X and U by hand, may do better "
-            "(docs/how-to/four_states.md)."
+            f"X is small: {part:.2g} of the desired width in one state, because of {joined(self.proposal.narrowed)}. "
+            "Tau, X and U by hand may do better (docs/how-to/four_states.md)."
         )
 
     @property
