@@ -96,18 +96,10 @@ def fitted_again(problem: Problem, search: Search, found: Explanation, not_tried
     return again, base, on_all(again, search, found, base)
 
 
-def explained_by_one(search: Search, base: Fit) -> bool:
-    """Whether the model as declared or with one effect more is down to the noise."""
-    empty = search.empty(base)
-    if search.reached(empty):
-        return True
-    return bool(looked_again(search.watch, lambda: any(search.reached(e) for e in search.joined(empty)) or None))
-
-
 def under_its_law(
     parts: Parts, plain: Search, base: Fit, most: int, not_tried: Collection[Key]
 ) -> tuple[Parts, Searched] | None:
-    """The search on without pushes; under their law alone where more than noise is left; None where nobody pushed.
+    """The search without pushes; under their law alone where more than noise is left; None where nobody pushed.
 
     Misses far beyond the usual ones are gross errors, and usual ones get smaller. What the model misses all the time
     says first what is usual, so that nothing it lacks is a gross error; what is worth its parameters at that size

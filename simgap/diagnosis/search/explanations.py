@@ -56,7 +56,11 @@ class Explanation:
 
 @dataclass(eq=False)
 class Search:
-    """One search over one problem: everything that is tried is fitted once and kept."""
+    """One search over one problem: everything that is tried is fitted once and kept.
+
+    Once a set has reached the noise, a fit that stays `sight` times its chi^2 by its own linear problems is given up,
+    and no other start of that set is tried. One from another start of a set is given up where it promises no lower end.
+    """
 
     problem: Problem
     starts: Starts
@@ -69,6 +73,7 @@ class Search:
     unseen: dict[frozenset[Key], frozenset[Key]] = field(default_factory=dict)
     ends: dict[tuple[tuple[int, ...], bytes, bytes], tuple[Fit, dict[int, float]]] = field(default_factory=dict)
     watch: Watch = field(default_factory=Watch)
+    sight: float = OUT_OF_SIGHT
 
     def empty(self, base: Fit) -> Explanation:
         """The model as declared."""
@@ -79,13 +84,13 @@ class Search:
         return chi2 / self.scale + count * math.log(self.problem.size)
 
     def extend(self, base: Explanation, s: Score) -> Explanation:
-        """Fit the base and one more effect, begun where its score says; at each of its starts if it bends much, as long
-        as that leaves more than noise."""
+        """Fit the base and one more effect, begun where its score says; at each of its starts if it bends much, where
+        that comes in sight and leaves more than noise."""
         members = (*base.members, s.candidate)
         known = self._key(members, with_values(base.fit.theta, s.values)) in self.tried
         found = self.explain(members, with_values(base.fit.theta, s.values), base.fit)
         bends = len(s.candidate.slots) > 2 or s.candidate.effect.several_valleys
-        if not known and bends and not _integers(s.candidate):
+        if not known and bends and not _integers(s.candidate) and found.fit.chi2 <= self._in_sight():
             starts = [other for other in self.every[base.keys] if other.candidate.key == s.candidate.key]
             for other in () if self.reached(found) else starts:
                 if other is not s:
@@ -93,6 +98,11 @@ class Search:
             for start in starts:
                 found = self._from_contained(base, start) or found
         return found
+
+    def _in_sight(self) -> float:
+        """The largest chi^2 that serves: `sight` times the least that reached the noise."""
+        reached = (e.fit.chi2 for e in self.tried.values() if e.physical and self.reached(e))
+        return self.sight * min(reached, default=math.inf)
 
     def _from_contained(self, base: Explanation, s: Score) -> Explanation | None:
         """Fit from where the effect that a candidate contains ends, at a start's other numbers; None without.
@@ -152,7 +162,8 @@ class Search:
         if key not in self.tried or again:
             slots = [k for c in members for k in c.slots if k not in _integers(c)]
             made = len(self.ends)
-            found = self._ended(theta, base.begin(self.problem), slots)
+            ends = self.tried[key].fit.chi2 if key in self.tried else math.inf
+            found = self._ended(theta, base.begin(self.problem), slots, ends)
             count = sum(len(c.slots) for c in members)
             physical = all(sound(c, found) for c in members) and resolved(self.problem, found.theta, found.x0)
             bends = any(c.effect.one_curve for c in members)  # to anything: an answer only where nothing is left
@@ -175,22 +186,18 @@ class Search:
         named = joined([c.effect.phrase(c.on) for c in best.members])
         return f"{named} (chi²/dof {best.fit.chi2 / self.problem.size:.3g})"
 
-    def _ended(self, theta: Floats, x0: Floats, slots: list[int]) -> Fit:
+    def _ended(self, theta: Floats, x0: Floats, slots: list[int], known: float) -> Fit:
         """Where a fit ends that begins there; each is made once, as one search comes by the same place often."""
         key = tuple(slots), theta.tobytes(), x0.tobytes()
         if key not in self.ends:
-            self.ends[key] = self._fitted(theta, x0, slots)
+            self.ends[key] = self._fitted(theta, x0, slots, known)
         found, steps = self.ends[key]
         self.steps.update(steps)
         return found
 
-    def _fitted(self, theta: Floats, x0: Floats, slots: list[int]) -> tuple[Fit, dict[int, float]]:
-        """Fit, and again if difference steps that suit the start do not suit the end (a peak that began flat).
-
-        Once a set has reached the noise, a fit that stays `OUT_OF_SIGHT` of it by its own linear problems is given up.
-        """
-        reached = (e.fit.chi2 for e in self.tried.values() if e.physical and self.reached(e))
-        useless = OUT_OF_SIGHT * min(reached, default=math.inf)
+    def _fitted(self, theta: Floats, x0: Floats, slots: list[int], known: float) -> tuple[Fit, dict[int, float]]:
+        """Fit, and again if difference steps that suit the start do not suit the end (a peak that began flat)."""
+        useless = min(known, self._in_sight())
         steps = choose_steps(self.problem, theta, x0, slots)
         found = fit(self.problem, theta, x0, slots, steps, useless=useless)
         for _ in range(2):

@@ -11,7 +11,7 @@ from simgap.arrays import Floats
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import Key
 from simgap.diagnosis.search.fit import Fit
-from simgap.diagnosis.simulation.problem import Problem, interval
+from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import Direction, linearise, promised, slot_direction, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.effects import EFFECTS
@@ -53,7 +53,7 @@ class Starts:
 def list_starts(problem: Problem, barred: Collection[Key] = ()) -> Starts:
     """The starts of every candidate that is not barred, at the scales of this record."""
     model = problem.model.model
-    spacing = interval(problem.t)
+    spacing = problem.spacing
     commands = dict(zip(model.input_names, np.abs(problem.u).max(axis=0), strict=True))
     items, wheels = [], problem.model.model.wheels
     for c in problem.model.candidates:

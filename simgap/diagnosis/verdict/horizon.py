@@ -10,7 +10,7 @@ from simgap.arrays import Floats, Ints
 from simgap.diagnosis.record.folds import LOOK_BACK_SAMPLES, Windows, joined
 from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.simulation.initial import initial_states
-from simgap.diagnosis.simulation.problem import Problem, interval
+from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import state_steps
 from simgap.diagnosis.thresholds import BRIEF_S
 
@@ -57,7 +57,7 @@ def look_back(problem: Problem) -> float:
     """From how long before a prediction its state is estimated, s: no longer than a window, at least some samples."""
     w = problem.windows
     window = float(np.max(problem.t[w.stop - 1] - problem.t[w.start]))
-    return max(min(BRIEF_S, window), LOOK_BACK_SAMPLES * interval(problem.t))
+    return max(min(BRIEF_S, window), LOOK_BACK_SAMPLES * problem.spacing)
 
 
 def _instants(problem: Problem, horizon: float) -> tuple[Ints, Ints, Ints]:
