@@ -8,7 +8,6 @@ from functools import partial
 
 import numpy as np
 
-from simgap.deadline import found_within
 from simgap.diagnosis import seek
 from simgap.diagnosis.change import Answer, sides_apart
 from simgap.diagnosis.choosing import chosen
@@ -19,7 +18,7 @@ from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, Key, Recording
 from simgap.diagnosis.search.columns import better_columns
 from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.scoring import barred
-from simgap.diagnosis.search.watch import Watch
+from simgap.diagnosis.search.watch import Watch, answered
 from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.parts import Parts, parts_of
 from simgap.diagnosis.thresholds import FIT_QUALITY
@@ -61,22 +60,8 @@ def diagnose_mended(
     settings = settings or DiagnosisSettings()
     if record.inputs != model.input_names:
         raise UserError(f"the record has inputs {list(record.inputs)}", remedy=f"Give {list(model.input_names)}.")
-    whole = partial(_diagnosed, model, record, settings)
-    if settings.budget_s is None:
-        return whole(Watch(tell=tell))
-    last = None
-    try:
-        for found in found_within(settings.budget_s, lambda told: iter([whole(Watch(settings.budget_s, told))]), tell):
-            last = found
-    except KeyboardInterrupt:
-        if last is None:
-            raise
-    if last is None:
-        raise UserError(
-            "the model as declared was not compared with the record in that time", key="measured.budget_s",
-            remedy=f"Give more than {settings.budget_s:g} s; a first run of a plant also compiles it.",
-        )  # fmt: skip
-    return last
+    budget_s = settings.budget_s
+    return answered(budget_s, lambda told: _diagnosed(model, record, settings, Watch(budget_s, told)), tell)
 
 
 def _diagnosed(

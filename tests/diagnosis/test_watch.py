@@ -77,7 +77,7 @@ def test_a_budget_is_kept_whatever_the_search_is_at(monkeypatch):
 
 
 def test_a_budget_in_which_nothing_is_compared_is_refused():
-    with pytest.raises(UserError, match=r"not compared with the record in that time\. Give more than 0\.001 s"):
+    with pytest.raises(UserError, match=r"nothing was judged in that time\. Give more than 0\.001 s"):
         diagnose(block(), _record(), DiagnosisSettings(budget_s=1e-3))
 
 
