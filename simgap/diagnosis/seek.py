@@ -70,18 +70,14 @@ def searched(
     that was begun `before` goes on.
     """
     search, base = before or begun(problem, not_tried, watch)
-    if watch.stopped:
-        return search, base, best_so_far(search, base, most)
-    try:
+
+    def look() -> Searched:
         found = select(search, base, most) if known is None else carried_over(search, base, *known, most)
         if before is not None and acts_later(search, found):  # sought once more without what was commanded before
             return search, base, found
         return ended(search, base, found, most)
-    except Stopped:
-        pass
-    except KeyboardInterrupt:
-        watch.interrupted()
-    return search, base, best_so_far(search, base, most)
+
+    return looked_again(watch, look) or (search, base, best_so_far(search, base, most))
 
 
 def acts_later(search: Search, found: Explanation) -> bool:

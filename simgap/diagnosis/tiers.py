@@ -95,7 +95,7 @@ class Tiers:
         likes = [e.name for e in EFFECTS.values() if e.second and _names(found) & set(e.resembles)]
         before = chi2_dof(first.problem, found.fit)
         off = before > FIT_QUALITY
-        if self.settings.effects or first.watch.stopped or not (off or likes):
+        if self.settings.effects or not (off or likes):
             return None
         most = self.settings.max_effects
 
@@ -136,7 +136,7 @@ class Tiers:
         lasts = [e for e in lasts if not asked or e.name in asked]
         before = chi2_dof(first.problem, found.fit)
         off = before > FIT_QUALITY
-        if not lasts or first.watch.stopped or not (off or any(names & set(e.resembles) for e in lasts)):
+        if not lasts or not (off or any(names & set(e.resembles) for e in lasts)):
             return None
         if not (asked or off or memory_left(first.problem, found.fit)):
             return None
