@@ -21,19 +21,13 @@ Tell = Callable[[str], None]
 _LEAST_S = 1e-6  # 0 is no deadline
 
 
-def last_within(seconds: float, search: Callable[[Tell], Iterator[Found]], tell: Tell) -> Found | None:
-    """The last of what a search finds within so many seconds of CPU time, or None: see `found_within`."""
-    last: Found | None = None
-    for found in found_within(seconds, search, tell):
-        last = found
-    return last
-
-
-def found_within(seconds: float, search: Callable[[Tell], Iterator[Found]], tell: Tell) -> Iterator[Found]:
-    """What `search(tell)` yields within so many seconds of CPU time.
+def last_within(
+    seconds: float, search: Callable[[Tell], Iterator[Found]], tell: Tell, *, stoppable: bool = False
+) -> Found | None:
+    """The last of what `search(tell)` yields within so many seconds of CPU time, or None.
 
     Then it is ended, whatever it is at: nothing has to be known of how long a game takes, or to compile one. A search
-    that fails after it found something has found that.
+    that fails after it found something has found that; one that is `stoppable` and ended by Ctrl-C too.
 
     Raises:
         Exception: what the search raises before it finds anything.
@@ -44,23 +38,27 @@ def found_within(seconds: float, search: Callable[[Tell], Iterator[Found]], tell
         warnings.simplefilter("ignore", DeprecationWarning)  # of other threads: the search asks nothing of them
         process.start()
     there.close()
-    any_found = False
+    last: Found | None = None
     try:
         while True:
             kind, value = here.recv()
-            if kind == "raised" and not any_found:
+            if kind == "raised" and last is None:
                 raise value
             if kind == "raised":
-                return
+                return last
             if kind == "told":
                 tell(value)
             else:
-                any_found = True
-                yield value
+                last = value
     except EOFError:
         process.join()
-        if not any_found and process.exitcode not in (0, -signal.SIGPROF):
-            raise RuntimeError(f"the search for numbers ended with status {process.exitcode}") from None
+        if last is None and process.exitcode not in (0, -signal.SIGPROF):
+            raise RuntimeError(f"the search ended with status {process.exitcode}") from None
+        return last
+    except KeyboardInterrupt:
+        if last is None or not stoppable:
+            raise
+        return last
     finally:
         process.kill()
         process.join()

@@ -106,6 +106,15 @@ def test_an_interrupted_search_reports_its_best():
     assert d.verdict == "partial"
 
 
+def test_an_interrupt_under_a_budget_leaves_the_last_answer():
+    def interrupt(words: str) -> None:
+        raise KeyboardInterrupt
+
+    d = diagnose(block(), _record(), DiagnosisSettings(effects=EFFECTS, budget_s=60.0), interrupt)
+    assert (d.verdict, d.effects) == ("unexplained", ())
+    assert "did not come to its end" in d.stopped
+
+
 def test_a_budget_that_ends_at_any_set_gives_an_answer(monkeypatch):
     """The last sets are fitted to say what else there is; a budget that ended there came out as an exception."""
     record, settings = _record(), DiagnosisSettings(effects=EFFECTS[:2])

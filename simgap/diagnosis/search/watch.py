@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TypeVar
 
-from simgap.deadline import Tell, copied, found_within, seconds_left
+from simgap.deadline import Tell, copied, last_within, seconds_left
 from simgap.errors import UserError
 
 Found = TypeVar("Found")
@@ -26,13 +26,7 @@ def answered(budget_s: float | None, search: Callable[[Tell], Found], tell: Tell
     """
     if budget_s is None:
         return search(tell)
-    last = None
-    try:
-        for found in found_within(budget_s, lambda told: iter([search(told)]), tell):
-            last = found
-    except KeyboardInterrupt:
-        if last is None:
-            raise
+    last = last_within(budget_s, lambda told: iter([search(told)]), tell, stoppable=True)
     if last is None:
         raise UserError(
             "nothing was judged in that time", key="measured.budget_s",
