@@ -99,7 +99,3 @@ class Watch:
             raise Stopped
         after = self.budget_s - seconds_left()
         self.saved, self.cost = (self.best, after), after - now
-
-    def interrupted(self) -> None:
-        """A person ended it."""
-        self.stopped = "The search was interrupted"
