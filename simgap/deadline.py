@@ -24,19 +24,14 @@ PR_SET_PDEATHSIG = 1
 """Of Linux's prctl: the signal that a process gets when the one that forked it ends, however that ends."""
 
 
-def last_within(seconds: float, search: Callable[[Tell], Iterator[Found]], tell: Tell) -> Found | None:
-    """The last of what a search finds within so many seconds of CPU time, or None: see `found_within`."""
-    last: Found | None = None
-    for found in found_within(seconds, search, tell):
-        last = found
-    return last
-
-
-def found_within(seconds: float, search: Callable[[Tell], Iterator[Found]], tell: Tell) -> Iterator[Found]:
-    """What `search(tell)` yields within so many seconds of CPU time.
+def last_within(
+    seconds: float, search: Callable[[Tell], Iterator[Found]], tell: Tell, *, stoppable: bool = False
+) -> Found | None:
+    """The last of what `search(tell)` yields within so many seconds of CPU time, or None.
 
     Then it is ended, whatever it is at: nothing has to be known of how long a game takes, or to compile one. A search
-    that fails after it found something has found that, unless it was a refusal.
+    that fails after it found something has found that, unless it was a refusal; one that is `stoppable` and ended by
+    Ctrl-C too.
 
     Raises:
         Exception: what the search raises before it finds anything but refusals.
@@ -47,23 +42,27 @@ def found_within(seconds: float, search: Callable[[Tell], Iterator[Found]], tell
         warnings.simplefilter("ignore", DeprecationWarning)  # of other threads: the search asks nothing of them
         process.start()
     there.close()
-    any_found, only_refusals = False, True
+    last: Found | None = None
     try:
         while True:
             kind, value = here.recv()
-            if kind == "raised" and only_refusals:
+            if kind == "raised" and (last is None or isinstance(last, UserError)):
                 raise value
             if kind == "raised":
-                return
+                return last
             if kind == "told":
                 tell(value)
             else:
-                any_found, only_refusals = True, only_refusals and isinstance(value, UserError)
-                yield value
+                last = value
     except EOFError:
         process.join()
-        if not any_found and process.exitcode not in (0, -signal.SIGPROF):
-            raise RuntimeError(f"the search for numbers ended with status {process.exitcode}") from None
+        if last is None and process.exitcode not in (0, -signal.SIGPROF):
+            raise RuntimeError(f"the search ended with status {process.exitcode}") from None
+        return last
+    except KeyboardInterrupt:
+        if last is None or not stoppable:
+            raise
+        return last
     finally:
         process.kill()
         process.join()

@@ -13,7 +13,7 @@ from simgap.diagnosis.search.equivalence import rivals
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.selection import by_place, on_all
-from simgap.diagnosis.seek import Searched
+from simgap.diagnosis.seek import Searched, looked_again
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.thresholds import FIT_QUALITY
@@ -68,12 +68,10 @@ def chosen(parts: Parts, ends: Searched, settings: DiagnosisSettings, not_tried:
     if found.members and not at_floor:
         together = math.ceil((settings.horizon_s + 0.5 * parts.window_s) / parts.window_s)
         most = min(settings.max_effects, settings.most_off_floor)
-        try:
-            if not search.watch.stopped:
-                each = trials(known, together)
-                carried = transferable(search, sparse, found, each, settings.horizon_s, most, settings.max_effects)
-        except KeyboardInterrupt:
-            search.watch.interrupted()
+        carried = looked_again(
+            search.watch,
+            lambda: transferable(*ends, trials(known, together), settings.horizon_s, most, settings.max_effects),
+        )
         agree = carried is not None and carried.agrees
         if carried is not None:
             search, found = carried.search, carried.chosen

@@ -9,7 +9,6 @@ from functools import partial
 
 import numpy as np
 
-from simgap.deadline import found_within
 from simgap.diagnosis import seek
 from simgap.diagnosis.change import Answer, sides_apart
 from simgap.diagnosis.choosing import chosen
@@ -20,7 +19,7 @@ from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, Key, Recording
 from simgap.diagnosis.search.columns import better_columns
 from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.scoring import barred
-from simgap.diagnosis.search.watch import Watch
+from simgap.diagnosis.search.watch import Watch, answered
 from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.parts import Parts, parts_of
 from simgap.diagnosis.thresholds import FIT_QUALITY
@@ -62,22 +61,8 @@ def diagnose_mended(
     settings = settings or DiagnosisSettings()
     if record.inputs != model.input_names:
         raise UserError(f"the record has inputs {list(record.inputs)}", remedy=f"Give {list(model.input_names)}.")
-    whole = partial(_diagnosed, model, record, settings)
-    if settings.budget_s is None:
-        return whole(Watch(tell=tell))
-    last = None
-    try:
-        for found in found_within(settings.budget_s, lambda told: iter([whole(Watch(settings.budget_s, told))]), tell):
-            last = found
-    except KeyboardInterrupt:
-        if last is None:
-            raise
-    if last is None:
-        raise UserError(
-            "the model as declared was not compared with the record in that time", key="measured.budget_s",
-            remedy=f"Give more than {settings.budget_s:g} s; a first run of a plant also compiles it.",
-        )  # fmt: skip
-    return last
+    budget_s = settings.budget_s
+    return answered(budget_s, lambda told: _diagnosed(model, record, settings, Watch(budget_s, told)), tell)
 
 
 def _diagnosed(
@@ -140,13 +125,13 @@ def _sought(model: SymbolicModel, record: Record, settings: DiagnosisSettings, w
     tiers = Tiers(model, record, settings, not_tried, parts)
     wider, wide = tiers.screened(*before)
     if wider is None:
-        pushed = None if seek.explained_by_one(*before) else seek.under_its_law(parts, *before, most, not_tried)
+        ends = seek.searched(parts.known, most, not_tried, watch, before=before)
+        pushed = None if ends[0].reached(ends[2]) else seek.under_its_law(parts, *before, most, not_tried)
         if pushed is not None and pushed[0].left_out:
             parts, ends = pushed
             tiers, wide = replace(tiers, like=parts), None
-        else:  # all data by least squares, from the beginning
-            robust = None if pushed is None or seek.acts_later(pushed[1][0], pushed[1][2]) else pushed
-            ends = seek.searched(parts.known, most, not_tried, watch, before=before)
+        elif pushed is not None and not seek.acts_later(pushed[1][0], pushed[1][2]):
+            robust = pushed
         wider = tiers.second(ends[0], ends[2], wide)
     wider = tiers.motors(*(wider or (parts, ends))[1][::2]) or wider
     parts, ends = seek.on_its_step(*(wider or (parts, ends)), most, not_tried)

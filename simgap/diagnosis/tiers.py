@@ -95,7 +95,7 @@ class Tiers:
         likes = [e.name for e in EFFECTS.values() if e.second and _names(found) & set(e.resembles)]
         before = chi2_dof(first.problem, found.fit)
         off = before > FIT_QUALITY
-        if self.settings.effects or first.watch.stopped or not (off or likes):
+        if self.settings.effects or not (off or likes):
             return None
         most = self.settings.max_effects
 
@@ -136,7 +136,7 @@ class Tiers:
         lasts = [e for e in lasts if not asked or e.name in asked]
         before = chi2_dof(first.problem, found.fit)
         off = before > FIT_QUALITY
-        if not lasts or first.watch.stopped or not (off or any(names & set(e.resembles) for e in lasts)):
+        if not lasts or not (off or any(names & set(e.resembles) for e in lasts)):
             return None
         if not (asked or off or memory_left(first.problem, found.fit)):
             return None
@@ -225,9 +225,7 @@ def _from_far(search: Search, base: Fit, known: Explanation, near: float | None,
             x0, tried, members = place.fit.x0[few], [], (*place.members, c)
             for other, start in search.starts.items:
                 if other.key == c.key:
-                    values = start.point([1.0])
-                    slots = {k: values[p.symbol] for p, k in zip(c.effect.parameters, c.slots, strict=True)}
-                    theta = with_values(place.fit.theta, slots)
+                    theta = with_values(place.fit.theta, c.by_slot(start.point([1.0])))
                     tried.append((float(refit(part, theta, x0, _FEW).chi2.sum()), theta))
             for _, theta in sorted(tried, key=lambda pair: pair[0])[:NARROW]:
                 if near is None or _promises(part, members, theta, x0) <= near:
@@ -237,6 +235,6 @@ def _from_far(search: Search, base: Fit, known: Explanation, near: float | None,
 
 def _promises(part: Problem, members: tuple[Candidate, ...], theta: Floats, x0: Floats) -> float:
     """What a few steps of a fit on some windows leave, chi^2 for each reading."""
-    slots = [k for c in members for p, k in zip(c.effect.parameters, c.slots, strict=True) if not p.integer]
+    slots = [k for c in members for k in c.free]
     steps = choose_steps(part, theta, x0, slots)
     return fit(part, theta, x0, slots, steps, _STEPS, 1).chi2 / part.size

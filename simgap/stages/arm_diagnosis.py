@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from simgap.diagnosis.arms.problem import TERMS, Payload
 from simgap.diagnosis.record.clock import same_file
 from simgap.diagnosis.record.survey import Survey
 from simgap.diagnosis.record.traces import Reading
+from simgap.diagnosis.search.watch import answered
 from simgap.effects import effect
 from simgap.errors import UserError
 from simgap.io.atomic import write_text
@@ -53,7 +55,8 @@ def run(
             reading.held_out, section.held_out.fraction, section.max_effects or ArmSettings.most,
             _payloads(section, reading), _known(context, tree, inputs),
         )  # fmt: skip
-        found = diagnose_arm(tree, record, ends, inputs, settings, tell)
+        search = partial(diagnose_arm, tree, record, ends, inputs, settings)
+        found = answered(section.budget_s, search, tell)
     for warning in (*reading.warnings, *look.warnings, *found.warnings):
         log.warning("%s", warning)
     made_of = provenance("diagnosis", context.case, context.folder)

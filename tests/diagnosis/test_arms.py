@@ -269,10 +269,15 @@ CARRIES = "  payloads: [{file: heavy.csv, link: link3}]\n"
     "order", [("light_1", "light_2", "light_3", "heavy"), ("light_1", "light_2", "heavy", "light_3")]
 )
 def test_a_payload_is_found_wherever_its_file_stands(tmp_path, plain, order):
-    result = diagnosed(tmp_path, plain, order, more=CARRIES)
+    result = diagnosed(tmp_path, plain, order, more=f"{CARRIES}  budget_s: 100\n")
     assert result["payloads"][0]["parameters"]["m"]["value"] == pytest.approx(4.0, rel=0.01)
     assert "heavy" in result["folds"]["fit"]["traces"]
     assert result["verdict"] == "attributed"
+
+
+def test_a_budget_too_small_for_an_arm_is_refused(tmp_path, plain):
+    with pytest.raises(UserError, match="nothing was judged in that time"):
+        diagnosed(tmp_path, plain, LIGHT, more="  budget_s: 0.01\n")
 
 
 def test_a_payload_that_nothing_fitted_carries_is_refused(tmp_path, plain):

@@ -77,7 +77,7 @@ def test_a_budget_is_kept_whatever_the_search_is_at(monkeypatch):
 
 
 def test_a_budget_in_which_nothing_is_compared_is_refused():
-    with pytest.raises(UserError, match=r"not compared with the record in that time\. Give more than 0\.001 s"):
+    with pytest.raises(UserError, match=r"nothing was judged in that time\. Give more than 0\.001 s"):
         diagnose(block(), _record(), DiagnosisSettings(budget_s=1e-3))
 
 
@@ -104,6 +104,15 @@ def test_an_interrupted_search_reports_its_best():
     assert "interrupted" in d.stopped
     assert [e.name for e in d.effects] == ["viscous_friction"]
     assert d.verdict == "partial"
+
+
+def test_an_interrupt_under_a_budget_leaves_the_last_answer():
+    def interrupt(words: str) -> None:
+        raise KeyboardInterrupt
+
+    d = diagnose(block(), _record(), DiagnosisSettings(effects=EFFECTS, budget_s=60.0), interrupt)
+    assert (d.verdict, d.effects) == ("unexplained", ())
+    assert "did not come to its end" in d.stopped
 
 
 def test_a_budget_that_ends_at_any_set_gives_an_answer(monkeypatch):

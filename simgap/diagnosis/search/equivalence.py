@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from simgap.diagnosis.search.fit import EQUIVALENT_CHI2
 from simgap.diagnosis.search.scoring import begun_at
 from simgap.diagnosis.simulation.sensitivity import scaled, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, COLLINEAR, MOST, WIDTH
+from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, COLLINEAR, MOST, NEAR, WIDTH
 from simgap.effects.base import Start
 
 EXACTLY_COLLINEAR = 1.0 - 1e-6
@@ -44,7 +44,9 @@ def rivals(search: Search, chosen: Explanation) -> list[Rival]:
 
 
 def _fitted(search: Search, chosen: Explanation) -> set[Key]:
-    """Fit what could stand in the place of the chosen effects; the candidates whose sensitivities lie in their span."""
+    """Fit what could stand in the place of the chosen effects, as long as it comes near; the candidates whose
+    sensitivities lie in their span."""
+    near = replace(search, sight=NEAR)
     for member in chosen.members:
         base = search.without(chosen, member)
         floor = base.fit.chi2 - chosen.fit.chi2
@@ -52,17 +54,17 @@ def _fitted(search: Search, chosen: Explanation) -> set[Key]:
             s for s in search.ranked(base) if s.candidate.key != member.key and s.candidate.key not in chosen.keys
         ]
         for s in [s for s in ranked if s.drop / search.scale > BIC_GAIN and s.drop > MOST * floor][:WIDTH]:
-            search.extend(base, s)
+            near.extend(base, s)
         for c in _stand_ins(search, member):
             own = {c.slots[0]: float(chosen.fit.theta[member.slots[0]])}
-            search.explain((*base.members, c), with_values(base.fit.theta, own), chosen.fit)
+            near.explain((*base.members, c), with_values(base.fit.theta, own), chosen.fit)
     null, seen = search.problem.model.null, _Span.around(search, chosen)
     inside = seen.only([j for j in range(seen.own, len(seen.size)) if seen.holds(range(seen.own), j)])
     sets = [(inside, *each) for each in _other_sets(chosen, inside)]
     simpler = [(seen, *each) for each in _simpler(chosen, seen, null)] if search.reached(chosen) else []
     for span, members, columns in [*sets, *simpler]:
         theta = _begun(chosen, null, span, members, columns if search.reached(chosen) else [])
-        search.explain(members, theta, chosen.fit, again=True)  # an earlier start may have ended elsewhere
+        near.explain(members, theta, chosen.fit, again=True)  # an earlier start may have ended elsewhere
     return {c.key for c, _ in inside.joining}
 
 

@@ -60,19 +60,23 @@ class Explanation:
 
 @dataclass(eq=False)
 class Search:
-    """One search over one problem: everything that is tried is fitted once and kept."""
+    """One search over one problem: everything that is tried is fitted once and kept.
+
+    Once a set has reached the noise, a fit that stays `sight` times its chi^2 by its own linear problems is given up,
+    and no other start of that set is tried. One from another start of a set is given up where it promises no lower end.
+    """
 
     problem: Problem
     starts: Starts
     scale: float = 1.0
     steps: dict[int, float] = field(default_factory=dict)
     tried: dict[tuple[frozenset[Key], tuple[float, ...]], Explanation] = field(default_factory=dict)
-    scores: dict[frozenset[Key], list[Score]] = field(default_factory=dict)
     screens: dict[tuple[frozenset[Key], float], Screen] = field(default_factory=dict)
     every: dict[frozenset[Key], list[Score]] = field(default_factory=dict)
     unseen: dict[frozenset[Key], frozenset[Key]] = field(default_factory=dict)
     ends: dict[tuple[tuple[int, ...], bytes, bytes], tuple[Fit, dict[int, float]]] = field(default_factory=dict)
     watch: Watch = field(default_factory=Watch)
+    sight: float = OUT_OF_SIGHT
 
     def empty(self, base: Fit) -> Explanation:
         """The model as declared."""
@@ -83,13 +87,13 @@ class Search:
         return chi2 / self.scale + count * math.log(self.problem.size)
 
     def extend(self, base: Explanation, s: Score) -> Explanation:
-        """Fit the base and one more effect, begun where its score says; at each of its starts if it bends much, as long
-        as that leaves more than noise."""
+        """Fit the base and one more effect, begun where its score says; at each of its starts if it bends much, where
+        that comes in sight and leaves more than noise."""
         members = (*base.members, s.candidate)
         known = self._key(members, with_values(base.fit.theta, s.values)) in self.tried
         found = self.explain(members, with_values(base.fit.theta, s.values), base.fit)
         bends = len(s.candidate.slots) > 2 or s.candidate.effect.several_valleys
-        if not known and bends and not _integers(s.candidate):
+        if not known and bends and s.candidate.free == s.candidate.slots and found.fit.chi2 <= self._in_sight():
             starts = [other for other in self.every[base.keys] if other.candidate.key == s.candidate.key]
             for other in () if self.reached(found) else starts:
                 if other is not s:
@@ -97,6 +101,11 @@ class Search:
             for start in starts:
                 found = self._from_contained(base, start) or found
         return found
+
+    def _in_sight(self) -> float:
+        """The largest chi^2 that serves: `sight` times the least that reached the noise."""
+        reached = (e.fit.chi2 for e in self.tried.values() if e.physical and self.reached(e))
+        return self.sight * min(reached, default=math.inf)
 
     def _from_contained(self, base: Explanation, s: Score) -> Explanation | None:
         """Fit from where the effect that a candidate contains ends, at a start's other numbers; None without.
@@ -109,10 +118,9 @@ class Search:
             return None
         found = self.explain((*base.members, first.candidate), with_values(base.fit.theta, first.values), base.fit).fit
         back = {k: float(self.problem.model.null[k]) for k in first.candidate.slots}
-        own = _values(c, with_values(found.theta, s.values))
-        point = c.effect.beyond(_values(first.candidate, found.theta), own)
-        slots = dict(zip((p.symbol for p in c.effect.parameters), c.slots, strict=True))
-        theta = with_values(found.theta, back | {slots[n]: v for n, v in point.items()})
+        own = c.values(with_values(found.theta, s.values).tolist())
+        point = c.effect.beyond(first.candidate.values(found.theta.tolist()), own)
+        theta = with_values(found.theta, back | c.by_slot(point))
         return self.explain((*base.members, c), theta, found, again=True)
 
     def without(self, base: Explanation, member: Candidate) -> Explanation:
@@ -131,9 +139,9 @@ class Search:
         if not found or found[0].key in base.keys:
             return self.without(base, member)
         kept = tuple(found[0] if c.key == member.key else c for c in base.members)
-        own, null = _values(member, base.fit.theta), {k: float(self.problem.model.null[k]) for k in member.slots}
-        names = zip((p.symbol for p in found[0].effect.parameters), found[0].slots, strict=True)
-        theta = with_values(base.fit.theta, null | {k: own[name] for name, k in names if name in own})
+        null = {k: float(self.problem.model.null[k]) for k in member.slots}
+        own = found[0].by_slot(member.values(base.fit.theta.tolist()))
+        theta = with_values(base.fit.theta, null | own)
         return self.explain(kept, theta, base.fit, again=True)
 
     def refined(self, base: Explanation) -> list[Explanation]:
@@ -149,16 +157,17 @@ class Search:
         return [e for e in found if e.physical]
 
     def _key(self, members: tuple[Candidate, ...], theta: Floats) -> tuple[frozenset[Key], tuple[float, ...]]:
-        discrete = tuple(float(theta[k]) for c in members for k in _integers(c))
+        discrete = tuple(float(theta[k]) for c in members for k in c.slots if k not in c.free)
         return frozenset(c.key for c in members), discrete
 
     def explain(self, members: tuple[Candidate, ...], theta: Floats, base: Fit, *, again: bool = False) -> Explanation:
         """Fit a set of effects from theta (q,); once, or `again` from another start if that may end lower."""
         key = self._key(members, theta)
         if key not in self.tried or again:
-            slots = [k for c in members for k in c.slots if k not in _integers(c)]
+            slots = [k for c in members for k in c.free]
             made = len(self.ends)
-            found = self._ended(theta, base.begin(self.problem), slots)
+            ends = self.tried[key].fit.chi2 if key in self.tried else math.inf
+            found = self._ended(theta, base.begin(self.problem), slots, ends)
             count = sum(len(c.slots) for c in members)
             physical = all(sound(c, found) for c in members) and resolved(self.problem, found.theta, found.x0)
             bends = any(c.effect.one_curve for c in members)  # to anything: an answer only where nothing is left
@@ -181,22 +190,18 @@ class Search:
         named = joined([c.effect.phrase(c.on) for c in best.members])
         return f"{named} (chi²/dof {best.fit.chi2 / self.problem.size:.3g})"
 
-    def _ended(self, theta: Floats, x0: Floats, slots: list[int]) -> Fit:
+    def _ended(self, theta: Floats, x0: Floats, slots: list[int], known: float) -> Fit:
         """Where a fit ends that begins there; each is made once, as one search comes by the same place often."""
         key = tuple(slots), theta.tobytes(), x0.tobytes()
         if key not in self.ends:
-            self.ends[key] = self._fitted(theta, x0, slots)
+            self.ends[key] = self._fitted(theta, x0, slots, known)
         found, steps = self.ends[key]
         self.steps.update(steps)
         return found
 
-    def _fitted(self, theta: Floats, x0: Floats, slots: list[int]) -> tuple[Fit, dict[int, float]]:
-        """Fit, and again if difference steps that suit the start do not suit the end (a peak that began flat).
-
-        Once a set has reached the noise, a fit that stays `OUT_OF_SIGHT` of it by its own linear problems is given up.
-        """
-        reached = (e.fit.chi2 for e in self.tried.values() if e.physical and self.reached(e))
-        useless = OUT_OF_SIGHT * min(reached, default=math.inf)
+    def _fitted(self, theta: Floats, x0: Floats, slots: list[int], known: float) -> tuple[Fit, dict[int, float]]:
+        """Fit, and again if difference steps that suit the start do not suit the end (a peak that began flat)."""
+        useless = min(known, self._in_sight())
         steps = choose_steps(self.problem, theta, x0, slots)
         found = fit(self.problem, theta, x0, slots, steps, useless=useless)
         for _ in range(2):
@@ -234,11 +239,10 @@ class Search:
 
     def ranked(self, base: Explanation) -> list[Score]:
         """Scores of everything that could join the base, best first, one start for each candidate."""
-        if base.keys not in self.scores:
+        if base.keys not in self.every:
             seen = self.screen(base)
-            every, self.unseen[base.keys] = score(seen), seen.unseen
-            self.scores[base.keys], self.every[base.keys] = best_of_each(every), every
-        return self.scores[base.keys]
+            self.every[base.keys], self.unseen[base.keys] = score(seen), seen.unseen
+        return best_of_each(self.every[base.keys])
 
     def joined(self, base: Explanation, exclude: Collection[Key] = (), most: int = WIDTH) -> list[Explanation]:
         """The most promising extensions of the base, fitted, physical ones only.
@@ -295,15 +299,7 @@ def _contained(c: Candidate) -> Key | None:
     return None if c.effect.contains is None else (c.effect.contains.name, c.on)
 
 
-def _integers(c: Candidate) -> tuple[int, ...]:
-    return tuple(k for p, k in zip(c.effect.parameters, c.slots, strict=True) if p.integer)
-
-
-def _values(c: Candidate, theta: Floats) -> dict[str, float]:
-    return {p.symbol: float(theta[k]) for p, k in zip(c.effect.parameters, c.slots, strict=True)}
-
-
 def sound(c: Candidate, found: Fit) -> bool:
     """Whether a fitted effect is physical and not at a limit of what it may be."""
     held = [k for p, k in zip(c.effect.parameters, c.slots, strict=True) if not p.may_vanish]
-    return c.effect.physical(_values(c, found.theta)) and not any(k in found.at_limit for k in held)
+    return c.effect.physical(c.values(found.theta.tolist())) and not any(k in found.at_limit for k in held)

@@ -19,7 +19,7 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.diagnosis.search.whiteness import follows_input
 from simgap.diagnosis.simulation.colour import Colour, whiten
-from simgap.diagnosis.simulation.problem import Problem, interval
+from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import A_FEW, BIC_GAIN, FAR
 from simgap.late import scipy
 
@@ -37,7 +37,7 @@ def noise_colour(problem: Problem, theta: Floats, x0: Floats) -> tuple[Floats, C
         problem: windows, noise taken as white.
         theta, x0: the model that explains them best, (q,) and (w, nx).
     """
-    residual, dt = problem.misses(theta, x0), interval(problem.t)
+    residual, dt = problem.misses(theta, x0), problem.spacing
     k = residual.shape[1]
     size, shared, tau = np.ones(k), np.zeros(k), np.full(k, dt)
     read, coordinates = problem.model.measured, problem.model.model.coordinates

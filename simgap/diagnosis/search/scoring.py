@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,7 +11,7 @@ from simgap.arrays import Floats
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import Key
 from simgap.diagnosis.search.fit import Fit
-from simgap.diagnosis.simulation.problem import Problem, interval
+from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import Direction, linearise, promised, slot_direction, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.effects import EFFECTS
@@ -51,7 +51,7 @@ class Starts:
 def list_starts(problem: Problem, barred: Collection[Key] = ()) -> Starts:
     """The starts of every candidate that is not barred, at the scales of this record."""
     model = problem.model.model
-    spacing = interval(problem.t)
+    spacing = problem.spacing
     commands = dict(zip(model.input_names, np.abs(problem.u).max(axis=0), strict=True))
     items, wheels = [], problem.model.model.wheels
     for c in problem.model.candidates:
@@ -198,11 +198,7 @@ def begun_at(c: Candidate, start: Start, coefficients: Floats) -> dict[int, floa
             return None
         coefficients = np.clip(coefficients, *_SECANT) * start.amplitude
     values = start.point(list(coefficients))
-    return _by_slot(c, values) if c.effect.physical(values) else None
-
-
-def _by_slot(c: Candidate, values: Mapping[str, float]) -> dict[int, float]:
-    return {k: values[p.symbol] for p, k in zip(c.effect.parameters, c.slots, strict=True)}
+    return c.by_slot(values) if c.effect.physical(values) else None
 
 
 def best_of_each(scores: Sequence[Score]) -> list[Score]:
@@ -216,7 +212,7 @@ def best_of_each(scores: Sequence[Score]) -> list[Score]:
 def column(theta: Floats, c: Candidate, start: Start, j: int, amplitude: float) -> Direction:
     """Direction of one coefficient of a start in theta (q,), from the point where the others are zero."""
     coefficients = [amplitude if i == j else 0.0 for i in range(start.size)]
-    return Direction(with_values(theta, _by_slot(c, start.point(coefficients))), theta, amplitude)
+    return Direction(with_values(theta, c.by_slot(start.point(coefficients))), theta, amplitude)
 
 
 def small_amplitude(problem: Problem, at: Fit, c: Candidate, start: Start, index: int, starts: Starts) -> float:

@@ -6,11 +6,33 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import TypeVar
 
-from simgap.deadline import copied, seconds_left
+from simgap.deadline import Tell, copied, last_within, seconds_left
+from simgap.errors import UserError
 
+Found = TypeVar("Found")
 TOLD_EVERY_S = 5.0  # progress, where no answer is better
 _SAVED_EVERY = 0.2  # of the budget: a better answer is saved so often at most
+
+
+def answered(budget_s: float | None, search: Callable[[Tell], Found], tell: Tell) -> Found:
+    """What a search answers; under a budget of CPU seconds the last answer that was whole in time.
+
+    Ctrl-C ends it with that one too.
+
+    Raises:
+        UserError: a budget in which there was none.
+    """
+    if budget_s is None:
+        return search(tell)
+    last = last_within(budget_s, lambda told: iter([search(told)]), tell, stoppable=True)
+    if last is None:
+        raise UserError(
+            "nothing was judged in that time", key="measured.budget_s",
+            remedy=f"Give more than {budget_s:g} s; a first run of a plant also compiles it.",
+        )  # fmt: skip
+    return last
 
 
 class Stopped(Exception):
@@ -35,7 +57,7 @@ class Watch:
     """
 
     budget_s: float | None = None
-    tell: Callable[[str], None] = lambda words: None
+    tell: Tell = lambda words: None
     begun: float = field(default_factory=time.process_time)
     told: float = 0.0
     sets: int = 0
@@ -77,7 +99,3 @@ class Watch:
             raise Stopped
         after = self.budget_s - seconds_left()
         self.saved, self.cost = (self.best, after), after - now
-
-    def interrupted(self) -> None:
-        """A person ended it."""
-        self.stopped = "The search was interrupted"

@@ -150,10 +150,15 @@ class Problem:
         return 2.0 * len(self.windows) * sum(train.swings(theta) for train in self.model.trains)
 
     @cached_property
-    def _root_weight(self) -> Floats:
-        """(rows, k) factors of the misses; empty where all are 1."""
-        root = np.sqrt(self.weight[self.samples])
-        return root if np.any(root < 1.0) else np.zeros((0, 0))
+    def _root_weight(self) -> Floats | None:
+        """(rows, k) factors of the misses; None where all are 1."""
+        less = self.memo.kept("weight", b"", lambda: bool(np.any(self.weight < 1.0)))
+        return np.sqrt(self.weight[self.samples]) if less else None
+
+    @property
+    def spacing(self) -> float:
+        """Median interval of the stamps, s."""
+        return self.memo.kept("spacing", b"", lambda: interval(self.t))
 
     @cached_property
     def rows(self) -> Ints:
@@ -181,7 +186,7 @@ class Problem:
 
     def _simulated(self, theta: Floats, x0: Floats) -> Floats:
         """The same with the states of motors, (rows, begun)."""
-        if any(train.rigid(theta, interval(self.t)) for train in self.model.trains):
+        if any(train.rigid(theta, self.spacing) for train in self.model.trains):
             return np.full((int(self.rows[-1]), self.model.begun), np.nan)
         level, excess, delay, lag = self._drive(theta)
         w, rows, constants = self.windows, self.rows, self.model.dynamics.constants_at(theta)
@@ -207,7 +212,7 @@ class Problem:
     def _step(self, theta: Floats) -> float:
         """Longest step, s: shorter where a motor against its link is quick."""
         quick = max((train.quick(theta) for train in self.model.trains), default=0.0)
-        return self.h_max / max(1.0, quick * interval(self.t) / _TURN) if quick > 0.0 else self.h_max
+        return self.h_max / max(1.0, quick * self.spacing / _TURN) if quick > 0.0 else self.h_max
 
     def _speeds(self) -> Floats:
         """Measured speed between the stamps of each coordinate that an effect remembers, (n, h); kept."""
@@ -285,7 +290,7 @@ class Problem:
         residual = self.misses(theta, x0)
         if self.colour is not None:
             whiten(residual, self.rows, *self.colour.memory)
-        if self._root_weight.size:
+        if self._root_weight is not None:
             residual *= self._root_weight
         if not self.heard.all():
             residual *= self.heard
@@ -313,11 +318,10 @@ class Problem:
 
     def _bring_forward(self, level: Floats, delay: Floats) -> None:
         """Delays (m,) below zero become whole samples by which an input (n, m) is brought forward, and a rest >= 0."""
-        spacing = interval(self.t)
         ends = np.append(self.firsts[1:], len(self.t))
         for c in np.flatnonzero(delay < 0.0):
-            ahead = int(np.ceil(-delay[c] / spacing - 1e-9))
-            delay[c] += ahead * spacing
+            ahead = int(np.ceil(-delay[c] / self.spacing - 1e-9))
+            delay[c] += ahead * self.spacing
             for a, b in zip(self.firsts, ends, strict=True):
                 level[a:b, c] = level[np.minimum(np.arange(a, b) + ahead, b - 1), c]
 

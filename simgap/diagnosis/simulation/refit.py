@@ -123,7 +123,7 @@ def better(a: Refit, b: Refit) -> Refit:
 
 
 def _sums(problem: Problem, residual: Floats) -> Floats:
-    return np.asarray(np.add.reduceat(np.sum(residual**2, axis=1), problem.rows[:-1]))
+    return np.asarray(np.add.reduceat(np.einsum("rk,rk->r", residual, residual), problem.rows[:-1]))
 
 
 def _refit(problem: Problem, theta: Floats, x0: Floats, steps: Floats, most: int) -> Refit:
@@ -169,13 +169,9 @@ def _normal(
     """
     centre = problem.residuals(theta, x0) if known is None else known
     columns = state_columns(partial(problem.residuals, theta), x0, steps, centre)
-    nx = len(steps)
-    gram, gradient = np.empty((len(x0), nx, nx)), np.empty((len(x0), nx))
-    for i in range(nx):
-        gradient[:, i] = np.add.reduceat(np.sum(columns[i] * centre, axis=1), problem.rows[:-1])
-        for j in range(i + 1):
-            product = np.sum(columns[i] * columns[j], axis=1)
-            gram[:, i, j] = gram[:, j, i] = np.add.reduceat(product, problem.rows[:-1])
+    first = problem.rows[:-1]
+    gram = np.add.reduceat(np.einsum("irk,jrk->ijr", columns, columns), first, axis=2).transpose(2, 0, 1)
+    gradient = np.add.reduceat(np.einsum("irk,rk->ir", columns, centre), first, axis=1).T
     return _sums(problem, centre), gram, gradient
 
 
@@ -183,8 +179,7 @@ def _damped(gram: Floats, gradient: Floats, damping: Floats) -> tuple[Floats, Fl
     """Steps (w, nx) with a damping for each window, and the decrease of chi^2 that undamped ones promise (w,)."""
     scale = np.sqrt(np.maximum(np.einsum("wii->wi", gram), 1e-300))
     unit = gram / (scale[:, :, None] * scale[:, None, :])
-    right = (gradient / scale)[:, :, None]
-    eye = np.eye(gram.shape[1])
-    step = np.linalg.solve(unit + damping[:, None, None] * eye, right)[:, :, 0] / scale
-    full = np.linalg.solve(unit + _SOFTEST * eye, right)[:, :, 0] / scale
+    right, eye = (gradient / scale)[:, :, None], np.eye(gram.shape[1])
+    each = np.stack([unit + damping[:, None, None] * eye, unit + _SOFTEST * eye])
+    step, full = np.linalg.solve(each, right)[..., 0] / scale
     return step, np.einsum("wi,wi->w", full, gradient)

@@ -86,9 +86,6 @@ def simulate(
     s, held = np.zeros(speed.size), np.zeros(m, dtype=np.int64)
     stuck, active = np.zeros(speed.size, dtype=np.bool_), np.zeros(speed.size, dtype=np.bool_)
     drive = (t, held, level, excess, delay, lag)
-    prompt = True  # inputs switch at the stamps alone
-    for c in range(m):
-        prompt = prompt and lag[c] <= 0.0 and delay[c] == 0.0
     for w in range(start.size):
         time = t[start[w]]
         _followed(time, start[w], first[w], t, held, delay)
@@ -98,12 +95,7 @@ def simulate(
         rubs = find_rubbing(slope, x, u, theta, s, stuck, active, speed, pad)
         for k in range(start[w] + 1, stop[w]):
             while t[k] - time > EPS:
-                end, span, steady, turned = t[k], h_max, True, 0
-                if prompt:
-                    for c in range(m):
-                        held[c] = k - 1
-                else:
-                    end = _next_switch(time, k, t, held, delay)
+                end, span, steady, turned = _next_switch(time, k, t, held, delay), h_max, True, 0
                 for c in range(m):
                     u[c] = level[held[c], c]
                     if lag[c] > 0.0 and excess[held[c], c] != 0.0:  # it fades: shorter steps

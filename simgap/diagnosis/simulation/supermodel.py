@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numba import float64 as f64
@@ -25,6 +25,7 @@ from simgap.model.compile import Kernel, compile_kernel
 from simgap.model.kernel_cache import cached_kernel_as
 from simgap.model.symbolic import SymbolicModel, symbol
 
+T = TypeVar("T")
 _ROWS = types.Array(types.float64, 2, "C")
 _ROWWISE = void(_ROWS, f64[::1], _ROWS)
 
@@ -46,6 +47,21 @@ class Candidate:
     def key(self) -> tuple[str, str]:
         """Name and target."""
         return self.effect.name, self.on
+
+    def values(self, theta: Sequence[T]) -> dict[str, T]:
+        """Its numbers among all parameters, by symbol."""
+        return {p.symbol: theta[k] for p, k in zip(self.effect.parameters, self.slots, strict=True)}
+
+    def by_slot(self, values: Mapping[str, float]) -> dict[int, float]:
+        """The same numbers, as far as they are given, by their place in theta."""
+        own = zip(self.effect.parameters, self.slots, strict=True)
+        return {k: values[p.symbol] for p, k in own if p.symbol in values}
+
+    @property
+    def free(self) -> tuple[int, ...]:
+        """Places of the numbers that a fit changes; starts choose the others."""
+        own = zip(self.effect.parameters, self.slots, strict=True)
+        return tuple(k for p, k in own if not p.integer)
 
     @property
     def of_recording(self) -> bool:
@@ -210,7 +226,7 @@ def _insert(
     plant = model
     forces: list[tuple[Candidate, sp.Expr, sp.Expr]] = []
     for c in candidates:
-        values = {p.symbol: theta[k] for p, k in zip(c.effect.parameters, c.slots, strict=True)}
+        values = c.values(theta)
         if isinstance(c.effect, CoordinateEffect):
             joint = plant.coordinate(c.on)
             away = sum(sp.Abs(theta[k] - p.null) for p, k in zip(c.effect.parameters, c.slots, strict=True))
@@ -236,9 +252,8 @@ def _commands(
     steps: list[tuple[sp.Symbol, sp.Expr]] = []
     for c in reversed(candidates):  # from the command to the plant
         if isinstance(c.effect, StaticInputEffect):
-            values = {p.symbol: theta[k] for p, k in zip(c.effect.parameters, c.slots, strict=True)}
             name = sp.Symbol(f"x{len(steps)}", real=True)
-            steps.append((name, c.effect.applied(felt[c.on], values)))
+            steps.append((name, c.effect.applied(felt[c.on], c.values(theta))))
             felt[c.on] = name
     return list(felt.values()), ([v.symbol for v in model.inputs], theta), steps
 
@@ -249,9 +264,8 @@ def _memory(model: SymbolicModel, candidates: list[Candidate], theta: tuple[sp.S
     lag = dict.fromkeys(model.input_names, sp.Integer(0))
     for c in candidates:
         if isinstance(c.effect, MemoryInputEffect):
-            values = {p.symbol: theta[k] for p, k in zip(c.effect.parameters, c.slots, strict=True)}
-            delay[c.on] += c.effect.delay(values)
-            lag[c.on] += c.effect.lag(values)
+            delay[c.on] += c.effect.delay(c.values(theta))
+            lag[c.on] += c.effect.lag(c.values(theta))
     return [*delay.values(), *lag.values()]
 
 
@@ -259,10 +273,7 @@ def _past(candidates: list[Candidate], theta: tuple[sp.Symbol, ...]) -> Any:
     """Rates of the effects' own states over (z, v) of each, and theta."""
     own = [(c, c.effect) for c in candidates if isinstance(c.effect, MemoryForceEffect)]
     z, v = ([symbol(f"{kind}_{k}") for k in range(len(own))] for kind in ("z", "v"))
-    rates = []
-    for (c, effect), memory, velocity in zip(own, z, v, strict=True):
-        values = {p.symbol: theta[k] for p, k in zip(effect.parameters, c.slots, strict=True)}
-        rates.append(effect.rate(memory, velocity, values))
+    rates = [e.rate(memory, speed, c.values(theta)) for (c, e), memory, speed in zip(own, z, v, strict=True)]
     return sp.lambdify([z, v, theta], rates, modules="numpy") if own else None
 
 

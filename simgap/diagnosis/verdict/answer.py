@@ -26,7 +26,7 @@ _MOST_WINDOWS, _MOST_SAMPLES = 100, 20_000
 
 def parameter_values(c: Candidate, at: Fit) -> dict[str, float]:
     """Fitted values of an effect, as they are reported."""
-    return c.effect.canonical({p.symbol: float(at.theta[k]) for p, k in zip(c.effect.parameters, c.slots, strict=True)})
+    return c.effect.canonical(c.values(at.theta.tolist()))
 
 
 def applied(found: Explanation) -> tuple[AppliedEffect, ...]:

@@ -10,7 +10,7 @@ from simgap.arrays import Floats, Ints
 from simgap.diagnosis.record.folds import LOOK_BACK_SAMPLES, Windows, joined
 from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.simulation.initial import initial_states
-from simgap.diagnosis.simulation.problem import Problem, interval
+from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import state_steps
 
 _LATER = 0.1  # of the horizon, by which a prediction may end later where a channel is read more seldom
@@ -54,7 +54,7 @@ def horizon_error(problem: Problem, theta: Floats, horizon: float) -> HorizonErr
 
 def look_back(problem: Problem) -> float:
     """From how long before a prediction its state is estimated, s: no longer than a window, at least some samples."""
-    return max(problem.brief, LOOK_BACK_SAMPLES * interval(problem.t))
+    return max(problem.brief, LOOK_BACK_SAMPLES * problem.spacing)
 
 
 def _instants(problem: Problem, horizon: float) -> tuple[Ints, Ints, Ints]:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,6 +31,7 @@ _STEPS, _PIECES, _MOST = 20, 4, 200
 """Steps of a stretch at most (an unstable plant stays near its path), and of the integration in a step: at least so
 many for each reading, and at most."""
 _ROUNDS = 2
+_TOGETHER = 16  # stretches that are integrated in one pass: memory does not grow with the record
 _OF_INTERVAL = 0.2
 """Of the probability that is left, the interval's share: it widens slowly, and the inequality fast."""
 _FREQUENCIES, _LASTING = 9, (0.5, 0.9, 0.99)
@@ -45,11 +46,17 @@ class _Stretch:
     (nx,)."""
 
     trace: str
+    steps: int
     t: Floats
     read: Floats
     used: Floats
     inputs: Floats
     start: Floats
+
+    @property
+    def rows(self) -> int:
+        """How many readings it has."""
+        return int(np.count_nonzero(self.used))
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +95,7 @@ def bound_forces(
         return {}
     plant = _Plant(model, list(sigma), np.array(list(sigma.values())), step, whole)
     stretches = [s for w in whole for s in plant.stretches(w)]
-    regressions = [r for s in stretches if (r := plant.regression(s)) is not None]
+    regressions = plant.regressions(stretches)
     if not regressions:
         return {}
     kinds, total = len(plant.forced), np.zeros(len(model.state_names))
@@ -140,58 +147,68 @@ class _Plant:
             start, begin = np.zeros(len(self.model.state_names)), int(np.argmax(inside))
             start[: w.states.shape[1]] = w.states[begin, : len(start)]
             start[self.measured] = w.measured[begin]
-            found.append(_Stretch(w.trace, w.t[inside] - first, w.measured[inside], w.used[inside], inputs, start))
+            read = w.measured[inside], w.used[inside]
+            found.append(_Stretch(w.trace, int(b - a), w.t[inside] - first, *read, inputs, start))
         return found
 
-    def regression(self, s: _Stretch) -> _Regression | None:
-        """None where the readings are no more than what is unknown."""
-        nx, start, n = len(self.varied), s.start.copy(), len(s.inputs) // self.pieces
-        rows = int(np.count_nonzero(s.used)) - nx
-        if rows <= n * len(self.forced):
-            return None
+    def regressions(self, stretches: Sequence[_Stretch]) -> list[_Regression]:
+        """Of those with more readings than what is unknown; stretches of as many steps are integrated together."""
+        found: list[_Regression] = []
+        told = [s for s in stretches if s.rows - len(self.varied) > s.steps * len(self.forced)]
+        for _, alike in itertools.groupby(sorted(told, key=lambda s: s.steps), key=lambda s: s.steps):
+            every = list(alike)
+            for k in range(0, len(every), _TOGETHER):
+                found += self._regressions(every[k : k + _TOGETHER])
+        return found
+
+    def _regressions(self, group: Sequence[_Stretch]) -> Iterator[_Regression]:
+        nx, starts = len(self.varied), np.stack([s.start for s in group])
         for _ in range(_ROUNDS):
-            read, _ = self._paths(start, s, forces=False)
+            for start, s, (read, _) in zip(starts, group, self._paths(starts, group, forces=False), strict=True):
+                a, y = self._rows(read, s)
+                start += self.varied * np.linalg.lstsq(a, y, rcond=None)[0]
+        for s, (read, ends) in zip(group, self._paths(starts, group, forces=True), strict=True):
             a, y = self._rows(read, s)
-            start += self.varied * np.linalg.lstsq(a, y, rcond=None)[0]
-        read, ends = self._paths(start, s, forces=True)
-        a, y = self._rows(read, s)
-        basis = np.linalg.qr(a[:, :nx])[0]
-        later, y = (x - basis @ (basis.T @ x) for x in (a[:, nx:], y))
-        own = [later[:, k :: len(self.forced)] for k in range(len(self.forced))]
-        moved = np.abs(ends[1:, :, 1 + nx :] - ends[1:, :, :1])  # (steps, nx, steps * kinds)
-        largest = np.stack([
-            np.max([moved[m, :, m * len(own) + k] for m in range(n)], axis=0) for k in range(len(own))
-        ])  # fmt: skip
-        g, b = np.stack([x.T @ x for x in own]), np.stack([x.T @ y for x in own])
-        return _Regression(s.trace, g, b, float(y @ y), rows, largest)
+            basis = np.linalg.qr(a[:, :nx])[0]
+            later, y = (x - basis @ (basis.T @ x) for x in (a[:, nx:], y))
+            own = [later[:, k :: len(self.forced)] for k in range(len(self.forced))]
+            moved = np.abs(ends[1:, :, 1 + nx :] - ends[1:, :, :1])  # (steps, nx, steps * kinds)
+            largest = np.stack([
+                np.max([moved[m, :, m * len(own) + k] for m in range(s.steps)], axis=0) for k in range(len(own))
+            ])  # fmt: skip
+            g, b = np.stack([x.T @ x for x in own]), np.stack([x.T @ y for x in own])
+            yield _Regression(s.trace, g, b, float(y @ y), s.rows - nx, largest)
 
     def _rows(self, path: Floats, s: _Stretch) -> tuple[Floats, Floats]:
         base = path[:, :, :1]
         a = (path[:, :, 1:] - base) * (s.used / self.sigma)[:, :, None]
         return a.reshape(-1, path.shape[2] - 1), ((s.read - base[:, :, 0]) * s.used / self.sigma).ravel()
 
-    def _paths(self, start: Floats, s: _Stretch, forces: bool) -> tuple[Floats, Floats]:
-        """Varied in the start and, if asked for, in each force: readings (n, k, variants), states at ends of steps."""
-        nx, h = len(self.varied), self.step / self.pieces
-        steps = len(s.inputs) // self.pieces
+    def _paths(self, starts: Floats, group: Sequence[_Stretch], forces: bool) -> Iterator[tuple[Floats, Floats]]:
+        """Of each stretch, varied in the start and, if asked for, in each force: readings (n, k, variants), states at
+        ends of steps (steps + 1, nx, variants)."""
+        nx, h, steps = len(self.varied), self.step / self.pieces, group[0].steps
         kinds = self.forced if forces else []
-        x = np.repeat(start[:, None], 1 + nx + steps * len(kinds), axis=1)
-        x[np.arange(nx), 1 + np.arange(nx)] += self.varied
+        x = np.repeat(starts.T[:, :, None], 1 + nx + steps * len(kinds), axis=2)  # (nx, stretches, variants)
+        x[np.arange(nx), :, 1 + np.arange(nx)] += self.varied[:, None]
+        inputs = np.stack([s.inputs.T for s in group], axis=1)[..., None]  # (m, stretches, pieces, 1)
         ends, trail = [x.copy()], [x[self.measured].copy()]
         for m in range(steps):
-            more = np.zeros_like(x)
+            more = np.zeros((nx, 1, x.shape[2]))
             for k, j in enumerate(kinds):
-                more[j, 1 + nx + m * len(kinds) + k] = self.varied[j] / self.step
-            for p in range(self.pieces):
-                u = s.inputs[m * self.pieces + p]
+                more[j, 0, 1 + nx + m * len(kinds) + k] = self.varied[j] / self.step
+            for p in range(m * self.pieces, (m + 1) * self.pieces):
+                u = inputs[:, :, p]
                 half = x + 0.5 * h * (self.rate([*x, *u]) + more)
                 x = x + h * (self.rate([*half, *u]) + more)
                 trail.append(x[self.measured])
             ends.append(x.copy())
-        seen, at = np.stack(trail), np.clip(s.t / h, 0.0, len(trail) - 1.0)
-        low = np.minimum(at.astype(np.int64), len(seen) - 2)
-        share = (at - low)[:, None, None]
-        return (1.0 - share) * seen[low] + share * seen[low + 1], np.stack(ends)
+        whole, states = np.stack(trail), np.stack(ends)
+        for i, s in enumerate(group):
+            seen, at = whole[:, :, i], np.clip(s.t / h, 0.0, len(trail) - 1.0)
+            low = np.minimum(at.astype(np.int64), len(seen) - 2)
+            share = (at - low)[:, None, None]
+            yield (1.0 - share) * seen[low] + share * seen[low + 1], states[:, :, i]
 
 
 def _correlations(steps: int) -> list[Floats]:

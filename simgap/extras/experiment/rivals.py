@@ -232,10 +232,9 @@ def _fitted(problem: Problem, effects: Explained) -> tuple[Rival, float]:
     chosen = members(model, effects)
     values: dict[int, float] = {}
     for c, a in zip(chosen, effects, strict=True):
-        values |= {k: float(a.values[p.symbol]) for p, k in zip(c.effect.parameters, c.slots, strict=True)}
+        values |= c.by_slot(a.values)
     theta, x0 = with_values(model.null, values), initial_states(problem)
-    open_ = [(p, k) for c in chosen for p, k in zip(c.effect.parameters, c.slots, strict=True) if not p.integer]
-    slots = tuple(k for _, k in open_)
+    slots = tuple(k for c in chosen for k in c.free)
     steps = choose_steps(problem, theta, x0, slots)
     ends = fit(problem, theta, x0, slots, steps, _ROUNDS)
     steps = choose_steps(problem, ends.theta, ends.x0, slots)
