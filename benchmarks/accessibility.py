@@ -13,6 +13,7 @@ with Debian's `chromium`. It exits with 1 if there is a violation; each is print
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import sys
 from importlib.metadata import version
@@ -50,11 +51,8 @@ def main(named: list[str]) -> int:
     folder = Path(named.pop(named.index("--pictures") + 1)) if "--pictures" in named else None
     pages = dict(name.split("=", 1) for name in named if "=" in name)
     rules = Path(axe_playwright_python.__file__).with_name("axe.min.js").read_text()
-    result: dict[str, Any] = {
-        "axe_playwright_python": version("axe-playwright-python"),
-        "axe": rules[5:16].split()[0],
-        "pages": {},
-    }
+    (axe,) = re.findall(r"axe v([\d.]+)", rules[:80])
+    result: dict[str, Any] = {"axe_playwright_python": version("axe-playwright-python"), "axe": axe, "pages": {}}
     with sync_playwright() as engine:
         browser = engine.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
         result["chromium"] = browser.version
