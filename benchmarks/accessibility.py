@@ -7,7 +7,8 @@ shows by all its rules. Neither belongs to simgap's environment:
 
     uv run --with playwright --with axe-playwright-python python benchmarks/accessibility.py case=report.html
 
-with Debian's `chromium`. A page is a file or an address (`mkdocs serve`); `--pictures DIR` keeps pictures. It exits with 1 if there is a violation; each is printed with the elements concerned.
+with Debian's `chromium`. A page is a file or an address (`mkdocs serve`); `--pictures DIR` keeps pictures. It exits
+with 1 if there is a violation; each is printed with the elements concerned.
 """
 
 from __future__ import annotations
