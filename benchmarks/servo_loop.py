@@ -104,7 +104,7 @@ def main() -> None:
 
 def table(found: Mapping[str, Any]) -> str:
     """Markdown."""
-    lines = ["| | before | after | after / before |", "|---|---|---|---|"]
+    lines = ["| figure | before | after | after / before |", "|---|---|---|---|"]
     for n, unit in (("q", "rad"), ("v", "rad/s")):
         for k in ("mean", "largest"):
             a, b = (found[s]["half_width"][n][k] for s in ("before", "after"))

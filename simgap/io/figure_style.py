@@ -120,7 +120,7 @@ def panels(rows: int, columns: int, height: float, width: float = WIDTH, **share
     return plt.subplots(rows, columns, figsize=(width, height), squeeze=False, **shared)
 
 
-def legend(figure: Any, ncols: int = 5, markerscale: float = 1.0) -> None:
+def legend(figure: Any, ncols: int = 6, markerscale: float = 1.0) -> None:
     """A legend above the panels, no wider than they are: each label that something drawn carries, once.
 
     What carries one label in several colours stands side by side.

@@ -37,23 +37,25 @@ def _found(document: Document) -> str:
             "data that were never fitted: look for a torque column or a drive gain that is not what the case says, or "
             "for a force that was not measured."
         )
-    own = _told([e for e in effects if e["name"] != INERTIAL])
+    own = _told([e for e in effects if e["name"] != INERTIAL], document["joints"])
     links = [e["on"] for e in effects if e["name"] == INERTIAL]
-    parts = [*own, *([f"other inertial parameters of {joined(links)}"] if links else [])]
+    where = "every link" if len(links) == len(document["joints"]) else joined(links)
+    parts = [*own, *([f"other inertial parameters of {where}"] if links else [])]
     what = joined(parts)
     verb = "explains" if own == parts and len(parts) == 1 else "explain" if len(parts) == 1 else "together explain"
     text = f"{what[0].upper()}{what[1:]} {verb} {words.explained(document)} of the torques."
     return f"{text}{_mounted(document)}"
 
 
-def _told(effects: Sequence[Mapping[str, Any]]) -> list[str]:
+def _told(effects: Sequence[Mapping[str, Any]], joints: Sequence[Mapping[str, str]]) -> list[str]:
     """Each effect with its numbers, or of many the kinds with their places: the table has the numbers."""
     if len(effects) <= MOST_NUMBERS:
         return [words.describe(e) for e in effects]
     places: dict[str, list[str]] = {}
     for e in effects:
         places.setdefault(e["name"], []).append(str(e["on"]))
-    return [effect(name).phrase(joined(own)) for name, own in places.items()]
+    every = {frozenset(row[key] for row in joints): f"{key}s" for key in ("joint", "input")}
+    return [effect(name).phrase(every.get(frozenset(own)) or joined(own)) for name, own in places.items()]
 
 
 def _mounted(document: Document) -> str:

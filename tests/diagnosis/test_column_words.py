@@ -33,3 +33,10 @@ def test_files_that_differ_are_told_apart_and_alike_ones_once():
     assert len(column_words(alike, (Q, V, U), OTHERS)) == 1
     (said,) = column_words([table("t", "q", "v", "u"), alike[1]], (Q, V, U), OTHERS)
     assert said.startswith("Columns of b.csv: 'temperature' is not used")
+
+
+def test_a_long_list_is_cut_between_names():
+    (said,) = column_words([table("t", "q", "v", "u", *(f"current_desired{k}" for k in range(20)))], (Q, V, U), OTHERS)
+    listed = said.removeprefix("Columns: ").split(" and ")[0].split(", ")
+    assert listed == [f"'current_desired{k}'" for k in range(len(listed))]
+    assert f"and {20 - len(listed)} more are not used" in said

@@ -109,6 +109,10 @@ def test_many_effects_of_an_arm_are_told_by_kind():
     kinds = {"coulomb_friction": "F_c", "viscous_friction": "b"}
     effects = [friction(kind, symbol, j) for kind, symbol in kinds.items() for j in joints]
     told = {"verdict": "partial", "recording": [], "payloads": [], "explained_share": 0.8, "explained_error": None}
-    few, many = (arm_document.sentence(told | {"effects": effects[:n]}) for n in (2, 6))
+    rows = [{"joint": j, "input": f"u_{j}", "link": f"link_{j}"} for j in ("j1", "j2", "j3", "j4")]
+    few, many, every = (
+        arm_document.sentence(told | {"effects": effects[:n], "joints": rows[:k]}) for n, k in ((2, 4), (6, 4), (6, 3))
+    )
+    assert every.startswith("Coulomb friction at the joints and viscous friction at the joints together ")
     assert few.startswith("Coulomb friction of 2.0 ± 0.1 N m at the j1 and Coulomb friction of 2.0 ")
     assert many.startswith("Coulomb friction at the j1, j2 and j3 and viscous friction at the j1, j2 and j3 together ")

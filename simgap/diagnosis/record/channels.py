@@ -210,12 +210,19 @@ def _words(header: Sequence[str], channels: Sequence[Channel], others: Collectio
     read = [c for c in channels if c.constant is None and c.column in header]
     renamed = [f"{c.name} is read from '{excerpt(c.column, 40)}'" for c in read if c.column != c.name]
     if renamed:
-        yield excerpt(", ".join(renamed), LONGEST)
+        yield _some(renamed)
     left = [name for name in header if name not in others and name not in {c.column for c in read}]
     lacking = [c.name for c in channels if c.constant is None and c.column not in header]
     if left:
-        names = excerpt(", ".join(f"'{name}'" for name in left), LONGEST)
+        names = _some([f"'{excerpt(name, 40)}'" for name in left])
         yield f"{names} {'is' if len(left) == 1 else 'are'} not used, as the model has no such state or input"
     if lacking and left:  # else velocities that nobody measured, as in most recordings
         count, it = ("count", "one of them") if len(lacking) > 1 else ("counts", "it")
         yield f"{', '.join(lacking)} {count} as not measured (name a column that is {it} under measured.columns)"
+
+
+def _some(parts: Sequence[str]) -> str:
+    """A list of parts, whole ones as far as there is room, and how many more there are."""
+    ends = np.cumsum([len(part) + 2 for part in parts])
+    kept = parts[: max(1, int(np.searchsorted(ends, LONGEST, side="right")))]
+    return ", ".join(kept) + (f" and {len(parts) - len(kept)} more" if len(kept) < len(parts) else "")

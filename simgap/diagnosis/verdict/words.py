@@ -61,7 +61,8 @@ def explained(document: Document) -> str:
     if told is None:
         return f"{100 * min(max(float(document['explained_share']), 0.0), 1.0):.0f} % of the excess error"
     low, high = (f"{100 * min(max(end, 0.0), 1.0):.0f}" for end in told["ci95"])
-    return f"{100 * told['share']:.0f} % ({low} to {high}) of the error{_ahead(document['error']['after'])}"
+    share = f"{100 * told['share']:.0f} % (95 % interval {low} to {high})"
+    return f"{share} of the error{_ahead(document['error']['after'])}"
 
 
 def _ahead(error: Mapping[str, Any]) -> str:

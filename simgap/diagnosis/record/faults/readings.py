@@ -44,7 +44,7 @@ class MissingRows(SeenFault):
     """Evenly spaced stamps lack rows.
 
     Detected: intervals that are whole multiples of the usual one; bridged, with inputs from the rows around them.
-    Windows end at gaps across which the inputs cannot be told so.
+    Windows end at gaps across which the inputs cannot be inferred.
     """
 
     name = "missing_rows"
