@@ -79,8 +79,8 @@ class _Worker:
         target, passed = os.open(place, flags, 0o644), (theirs.fileno(), note_file)
         try:
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-c", _BEGIN, *map(str, (*passed, os.getpid()))], pass_fds=passed, stdin=subprocess.DEVNULL,
-                stdout=target, stderr=target,
+                [sys.executable, "-P", "-c", _BEGIN, *map(str, (*passed, os.getpid()))],
+                pass_fds=passed, stdin=subprocess.DEVNULL, stdout=target, stderr=target,
             )  # fmt: skip
         finally:
             theirs.close()
