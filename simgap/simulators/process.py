@@ -28,7 +28,7 @@ from simgap.simulators.supervision import LOOK, NOTE, Note, is_too_large, note_i
 T = TypeVar("T")
 _BEGIN = (
     "import sys; from multiprocessing.connection import Connection; pipe = Connection(int(sys.argv[1])); "
-    "sys.path[:] = pipe.recv(); from simgap.simulators.process import serve; serve(pipe, int(sys.argv[2]))"
+    "sys.path[:] = pipe.recv(); from simgap.simulators.process import serve; serve(pipe, *map(int, sys.argv[2:]))"
 )
 
 
@@ -36,13 +36,13 @@ class EngineCrash(SimgapError):
     """The engine's process died."""
 
 
-def serve(pipe: Connection, note_file: int) -> None:
-    """In an engine's process: run what comes through the pipe, until the run closes it or is gone.
+def serve(pipe: Connection, note_file: int, parent: int) -> None:
+    """Run in an engine's process what comes through the pipe, until the run, process `parent`, closes it or ends.
 
     Plug-in files that the run has run are run here too, before a case that holds their sections is unpickled.
     """
     note = note_in(mmap.mmap(note_file, NOTE))
-    threading.Thread(target=_end_with_parent, args=(note, os.getppid()), name="watchdog", daemon=True).start()
+    threading.Thread(target=_end_with_parent, args=(note, parent), name="watchdog", daemon=True).start()
     plugins.adopt(pipe.recv())
     while True:
         try:
@@ -79,8 +79,8 @@ class _Worker:
         target, passed = os.open(place, flags, 0o644), (theirs.fileno(), note_file)
         try:
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-c", _BEGIN, *map(str, passed)], pass_fds=passed, stdin=subprocess.DEVNULL,
-                stdout=target, stderr=target,
+                [sys.executable, "-P", "-c", _BEGIN, *map(str, (*passed, os.getpid()))],
+                pass_fds=passed, stdin=subprocess.DEVNULL, stdout=target, stderr=target,
             )  # fmt: skip
         finally:
             theirs.close()

@@ -230,7 +230,7 @@ ENDLESS = """
 import sys, time
 from pathlib import Path
 from simgap.stages import audit
-audit._jobs = lambda *about: [600.0, 600.0]
+audit.Job = lambda *about: 600.0
 audit.attack = time.sleep
 if __name__ == "__main__":
     folder, out = Path(sys.argv[1]), Path(sys.argv[2])
@@ -250,7 +250,7 @@ def test_an_audit_that_is_ended_leaves_no_tables_and_no_engines(made, tmp_path, 
     listens = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # whatever the tests themselves run behind
     child = subprocess.Popen(asked, start_new_session=True, stderr=subprocess.DEVNULL, preexec_fn=listens)
     try:
-        until(lambda: len(workers(child.pid)) == 2 and (tables / "mask.npy").exists())
+        until(lambda: len(workers(child.pid)) == 2 and (tables / "solution").exists())
         engines = workers(child.pid)
         child.send_signal(number)
         child.wait(30)
