@@ -125,13 +125,13 @@ def _sought(model: SymbolicModel, record: Record, settings: DiagnosisSettings, w
     tiers = Tiers(model, record, settings, not_tried, parts)
     wider, wide = tiers.screened(*before)
     if wider is None:
-        ends = seek.searched(parts.known, most, not_tried, watch, before=before)
-        pushed = None if ends[0].reached(ends[2]) else seek.under_its_law(parts, *before, most, not_tried)
+        pushed = None if seek.explained_by_one(*before) else seek.under_its_law(parts, *before, most, not_tried)
         if pushed is not None and pushed[0].left_out:
             parts, ends = pushed
             tiers, wide = replace(tiers, like=parts), None
-        elif pushed is not None and not seek.acts_later(pushed[1][0], pushed[1][2]):
-            robust = pushed
+        else:  # all data by least squares, from the beginning
+            robust = None if pushed is None or seek.acts_later(pushed[1][0], pushed[1][2]) else pushed
+            ends = seek.searched(parts.known, most, not_tried, watch, before=before)
         wider = tiers.second(ends[0], ends[2], wide)
     wider = tiers.motors(*(wider or (parts, ends))[1][::2]) or wider
     parts, ends = seek.on_its_step(*(wider or (parts, ends)), most, not_tried)

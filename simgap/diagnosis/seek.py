@@ -111,15 +111,23 @@ def fitted_again(problem: Problem, search: Search, found: Explanation, not_tried
     return again, base, on_all(again, search, found, base)
 
 
+def explained_by_one(search: Search, base: Fit) -> bool:
+    """Whether the model as declared or with one effect more is down to the noise."""
+    empty = search.empty(base)
+    if search.reached(empty):
+        return True
+    return bool(looked_again(search.watch, lambda: any(search.reached(e) for e in search.joined(empty)) or None))
+
+
 def under_its_law(
     parts: Parts, plain: Search, base: Fit, most: int, not_tried: Collection[Key]
 ) -> tuple[Parts, Searched] | None:
-    """The search without pushes; under their law alone where more than noise is left; None where nobody pushed.
+    """The search on without pushes; under their law alone where more than noise is left; None where nobody pushed.
 
     Misses far beyond the usual ones are gross errors, and usual ones get smaller. What the model misses all the time
     says first what is usual, so that nothing it lacks is a gross error; what is worth its parameters at that size
-    joins, and leaves smaller ones. It is asked where least squares leave more than noise: what explains all of it is no
-    gross error. The search that it begins with is as it was.
+    joins, and leaves smaller ones. Where one effect more explains everything down to the noise, nothing was a gross
+    error. The search that it begins with is as it was.
     """
     search, start, found, problem = plain, base, plain.empty(base), plain.problem
     spans: tuple[Span, ...] = ()
@@ -144,10 +152,19 @@ def under_its_law(
         return None
     if not search.reached(found):  # what is left may be no push: nothing is left out
         return parts.with_gross_errors(last, spans), (search, start, found)
+    if looked_again(plain.watch, lambda: _is_explained(plain, found)):
+        return None
     aside = 0.25 * problem.brief
     around = tuple((k, a - aside, b + aside) for k, a, b in spans)
     kept = parts.leaving_out(around).with_gross_errors(last, ())
     return kept, searched(kept.known, most, not_tried, search.watch, (found, chi2_dof(problem, found.fit)))
+
+
+def _is_explained(plain: Search, found: Explanation) -> bool:
+    """Whether what was found, it with one effect more or with a finer one, explains what looked like gross errors."""
+    apart = Search(plain.problem, plain.starts, plain.scale, ends=plain.ends, watch=plain.watch)
+    known = apart.explain(found.members, found.fit.theta, found.fit)
+    return apart.reached(known) or any(apart.reached(e) for e in [*apart.joined(known), *apart.refined(known)])
 
 
 def _grown_from(search: Search, base: Fit, found: Explanation, most: int) -> Explanation:

@@ -15,7 +15,7 @@ def test_a_stribeck_peak_of_a_width_that_may_be_zero_is_coulomb_friction(width, 
     peak = SimpleNamespace(effect=StribeckFriction(), slots=(0, 1, 2))
     plain = SimpleNamespace(effect=CoulombFriction(), slots=(3,))
     at = SimpleNamespace(theta=np.array([0.018, 0.0181, width, 0.02]), slots=[0, 1, 2, 3])
-    found = undetermined(None, [peak, plain], at, np.array([1e-6, 2e-5, error, 0.5]), 1000)
+    found = undetermined([peak, plain], at, np.array([1e-6, 2e-5, error, 0.5]), 1000)
     assert found == ([peak] if loose else [])
 
 

@@ -15,6 +15,7 @@ from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import linearise, slot_direction
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import A_FEW, CONFIDENCE, FIT_QUALITY, SELDOM
+from simgap.effects import EffectParameter
 from simgap.statistics import chi2 as chi_squared
 from simgap.statistics import student
 
@@ -81,23 +82,19 @@ def vanishing(problem: Problem, members: Sequence[Candidate], at: Fit, errors: F
     return gone
 
 
-def undetermined(problem: Problem, members: Sequence[Candidate], at: Fit, errors: Floats, dof: int) -> list[Candidate]:
+def undetermined(members: Sequence[Candidate], at: Fit, errors: Floats, dof: int) -> list[Candidate]:
     """Effects that refine another one by a number the data do not give: its 95 % interval leaves what is possible.
 
     A Stribeck peak of a width that may be 0 is Coulomb friction to these data. `errors`: (p,) standard deviations.
     """
-    by_slot, loose = dict(zip(at.slots, errors.tolist(), strict=True)), []
-    for c in members:
-        if c.effect.contains is None:
-            continue
-        shapes = [
-            (p, k)
-            for p, k in zip(c.effect.parameters, c.slots, strict=True)
-            if p.shape and not p.may_vanish and k in by_slot
-        ]
-        if any(interval(float(at.theta[k]), by_slot[k], dof)[0] <= p.lower for p, k in shapes):
-            loose.append(c)
-    return loose
+    by_slot = dict(zip(at.slots, errors.tolist(), strict=True))
+
+    def is_loose(p: EffectParameter, k: int) -> bool:
+        fitted = p.shape and not p.may_vanish and k in by_slot
+        return fitted and interval(float(at.theta[k]), by_slot[k], dof)[0] <= p.lower
+
+    refining = [c for c in members if c.effect.contains is not None]
+    return [c for c in refining if any(map(is_loose, c.effect.parameters, c.slots))]
 
 
 def _reached(problem: Problem, c: Candidate, null: float, lo: float, hi: float) -> bool:

@@ -55,7 +55,7 @@ def runs_away(problem: Problem) -> bool:
     """
     part, _ = problem.some()
     x0, theta = initial_states(part), part.model.null
-    steps = state_steps(part, x0)
+    steps = state_steps(x0)
     moved = state_columns(partial(part.residuals, theta), x0, steps, part.residuals(theta, x0))
     size = np.sqrt(np.sum(np.square(moved), axis=2))
     at = [np.cumsum([0, *np.diff(part.rows)])[:-1] + np.diff(part.rows) * k // 2 for k in (1, 2)]

@@ -46,7 +46,7 @@ def window_chi2(problem: Problem, theta: Floats, x0: Floats) -> Floats:
 
 def refit(problem: Problem, theta: Floats, x0: Floats, most: int = _MOST) -> Refit:
     """Fit the initial states alone, each window from its own x0: theta, (w, nx)."""
-    out = [_refit(problem.part(p), theta, x0[p], state_steps(problem, x0), most) for p in chunks(problem)]
+    out = [_refit(problem.part(p), theta, x0[p], state_steps(x0), most) for p in chunks(problem)]
     return Refit(*(np.concatenate(a) for a in zip(*((r.x0, r.chi2, r.promise) for r in out), strict=True)))
 
 

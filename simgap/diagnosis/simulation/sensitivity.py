@@ -147,7 +147,7 @@ def chunks(problem: Problem) -> Iterator[slice]:
     yield slice(begin, len(lengths))
 
 
-def state_steps(problem: Problem, x0: Floats) -> Floats:
+def state_steps(x0: Floats) -> Floats:
     """Difference steps for the initial states, (nx,)."""
     return 1e-6 * (0.1 + np.abs(x0).max(axis=0))
 
@@ -168,7 +168,7 @@ def linearise(problem: Problem, theta: Floats, x0: Floats, directions: Sequence[
     p, nx, w = len(directions), x0.shape[1], len(problem.windows)
     window_gradient, window_gram, window_rest = np.zeros((w, p)), np.zeros((w, p, p)), np.zeros(w)
     state_r, state_b, state_g = np.zeros((w, nx, nx)), np.zeros((w, nx, p)), np.zeros((w, nx))
-    steps = state_steps(problem, x0)
+    steps = state_steps(x0)
     for part in chunks(problem):
         sub = problem.part(part)
         residual, columns, states = _columns(sub, theta, x0[part], directions, steps)

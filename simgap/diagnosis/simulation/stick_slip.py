@@ -34,28 +34,6 @@ def input_at(time: float, drive: Any, u: Floats) -> None:
 
 
 @inner
-def _held(
-    slope: Any, x: Floats, felt: Any, theta: Floats, s: Floats, stuck: Any, speed: Ints, h: float, at: Floats,
-    rate: Floats,
-) -> None:  # fmt: skip
-    """One classical Runge-Kutta step of x (nx,), in place, while something sticks: any plant's, by its slope."""
-    first, middle, last = felt
-    nx = x.size
-    for i in range(nx):
-        at[i] = x[i]
-    for stage in range(4):
-        weight = 2.0 if stage == 1 or stage == 2 else 1.0
-        ahead = h if stage == 2 else 0.5 * h
-        u = first if stage == 0 else last if stage == 3 else middle
-        slope(at, u, theta, s, stuck, speed, rate)
-        for i in range(nx):
-            at[nx + i] = rate[i] if stage == 0 else at[nx + i] + weight * rate[i]
-            at[i] = x[i] + ahead * rate[i]
-    for i in range(nx):
-        x[i] += h / 6.0 * at[nx + i]
-
-
-@inner
 def stepped(
     slope: Any, free: Any, x: Floats, time: float, h: float, theta: Floats, s: Floats, stuck: Any, speed: Ints,
     drive: Any, felt: Any, pad: Any, new: Floats,
@@ -68,13 +46,25 @@ def stepped(
     input_at(time + h, drive, last)
     for i in range(x.size):
         new[i] = x[i]
-    (at, rate), sticks = pad, False
+    sticks = False
     for j in range(speed.size):
         sticks = sticks or stuck[j]
-    if sticks:
-        _held(slope, new, felt, theta, s, stuck, speed, h, at, rate)
-    else:
-        free(new, first, middle, last, theta, s, h, 1, at)
+    if not sticks:
+        free(new, first, middle, last, theta, s, h, 1, pad[0])
+        return
+    nx, (at, rate) = x.size, pad
+    for i in range(nx):
+        at[i] = x[i]
+    for stage in range(4):  # classical Runge-Kutta, any plant's, by its slope
+        weight = 2.0 if stage == 1 or stage == 2 else 1.0
+        ahead = h if stage == 2 else 0.5 * h
+        u = first if stage == 0 else last if stage == 3 else middle
+        slope(at, u, theta, s, stuck, speed, rate)
+        for i in range(nx):
+            at[nx + i] = rate[i] if stage == 0 else at[nx + i] + weight * rate[i]
+            at[i] = x[i] + ahead * rate[i]
+    for i in range(nx):
+        new[i] += h / 6.0 * at[nx + i]
 
 
 @inner

@@ -103,7 +103,7 @@ def _leaves(known: Problem, at: Fit, left: Span) -> float:
         return end
     part = known.on(Windows(*(np.array([v]) for v in (a, last, first, which))))
     miss, x0 = part.misses(at.theta, at.x0[own : own + 1]), at.x0[own : own + 1]
-    states = state_columns(partial(part.misses, at.theta), x0, state_steps(part, x0), miss)
+    states = state_columns(partial(part.misses, at.theta), x0, state_steps(x0), miss)
     fitted = states[:, : b - a].reshape(len(states), -1)
     spread = np.linalg.pinv(fitted @ fitted.T, rcond=1e-12)
     size = np.sqrt(1.0 + np.einsum("irk,ij,jrk->rk", states, spread, states))

@@ -86,7 +86,7 @@ def _instants(problem: Problem, horizon: float) -> tuple[Ints, Ints, Ints]:
 
 def _floor(at: Problem, whole: Problem, theta: Floats, start: Floats) -> Floats:
     """F(h) from the covariance of the look-back's state estimate, carried to the end."""
-    steps, k = state_steps(at, start), at.y.shape[1]
+    steps, k = state_steps(start), at.y.shape[1]
     back = np.empty((int(at.rows[-1]), k, start.shape[1]))
     ahead = np.empty((len(start), k, start.shape[1]))
     for i, step in enumerate(steps):

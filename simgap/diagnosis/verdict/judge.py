@@ -133,7 +133,7 @@ def vanished(search: Search, found: Explanation, at_floor: bool) -> list[Candida
 
 
 def _loose(search: Search, found: Explanation, at_floor: bool) -> list[Candidate]:
-    return undetermined(search.problem, found.members, found.fit, *_errors(search, found, at_floor))
+    return undetermined(found.members, found.fit, *_errors(search, found, at_floor))
 
 
 def _errors(search: Search, found: Explanation, at_floor: bool) -> tuple[Floats, int]:
