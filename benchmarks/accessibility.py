@@ -1,6 +1,6 @@
 """Violations that axe finds on pages: `python benchmarks/accessibility.py NAME=PAGE.html ...`.
 
-It writes results/accessibility.json.
+It writes results/accessibility.json; pages of other names keep what stands there.
 
 Chromium opens each page 1400 and 390 pixels wide, in the light and in the dark, with scripts; axe-core checks what it
 shows by all its rules. Neither belongs to simgap's environment:
@@ -58,7 +58,8 @@ def main(named: list[str]) -> int:
     pages = dict(name.split("=", 1) for name in named if "=" in name)
     rules = Path(axe_playwright_python.__file__).with_name("axe.min.js").read_text()
     (axe,) = re.findall(r"axe v([\d.]+)", rules[:80])
-    result: dict[str, Any] = {"axe_playwright_python": version("axe-playwright-python"), "axe": axe, "pages": {}}
+    seen = json.loads(RESULT.read_text())["pages"] if RESULT.is_file() else {}
+    result: dict[str, Any] = {"axe_playwright_python": version("axe-playwright-python"), "axe": axe, "pages": seen}
     with sync_playwright() as engine:
         browser = engine.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
         result["chromium"] = browser.version

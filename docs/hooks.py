@@ -41,6 +41,11 @@ def on_files(files: Any, config: Any) -> Any:
     return files
 
 
+def on_post_page(output: str, **_: Any) -> str:
+    """The page with a name for the theme's search, which has none for who cannot see it."""
+    return output.replace('role="dialog">', 'role="dialog" aria-label="Search">')
+
+
 def from_root(name: str) -> str:
     """A page that stands beside docs/, its links as they are inside."""
     text = (ROOT / name).read_text()

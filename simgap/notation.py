@@ -78,8 +78,11 @@ def with_error(value: float, half: float, unit: str = "") -> str:
     leading = round(half / size, 1)
     digits = -round(math.log10(size)) + (1 if leading < 2.0 and leading != 1.0 else 0)  # 0.01, 0.012 and 0.3
     if digits > 7:
-        least = max(math.floor(math.log10(abs(value) or half)) - math.floor(math.log10(half)), 0)
-        return f"({value:.{least}e} ± {half:.1g}){tail}"
+        power = math.floor(math.log10(max(abs(value), half)))
+        least = max(power - math.floor(math.log10(half)), 0)
+        scale = 10.0**-power
+        middle = round(value * scale, least) + 0.0  # no -0
+        return f"({middle:.{least}f} ± {half * scale:.1g})·10{superscript(str(power))}{tail}"
     digits = max(digits, 0)
     return f"{value:.{digits}f} ± {half:.{digits}f}{tail}"
 

@@ -165,7 +165,7 @@ def refine(
 
 def certify(
     what: Annotated[Path, typer.Argument(help="Case file, or its folder in results/.", show_default=False)],
-    out: Annotated[Path, typer.Option(help="Folder for the certificate.", show_default=False, callback=new_folder)],
+    out: Annotated[Path, typer.Option(help="Folder for the certificate.", callback=new_folder)] = Path("certificate"),
     bound: Annotated[Path | None, typer.Option("--gap", help="gap.json, if it is elsewhere.")] = None,
     controller: Annotated[Path | None, typer.Option(help="controller.npz, if it is elsewhere.")] = None,
     log: Log = None,

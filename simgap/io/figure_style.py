@@ -83,30 +83,24 @@ def svg_text(figure: Any) -> str:
     return Markup(re.sub(r'width="[\d.]+pt" height="[\d.]+pt"', 'width="100%"', element, count=1))
 
 
-def save_picture(figure: Any, path: Path) -> None:
-    """Write a figure as PNG, atomically and without a date or version."""
-    with atomic(path) as temporary:
-        save(figure, temporary, format="png", metadata={"Software": None})
-
-
-def kept(figure: Any, path: Path) -> str:
-    """A figure drawn once, as its file asks, then freed: -> the text of an SVG, which is what a page takes."""
-    text = ""
-    if path.suffix == ".png":
-        save_picture(figure, path)
-    else:
-        text = svg_text(figure)
-        write_text(path, text)
-    close(figure)
-    return text
-
-
 def drawn(path: Path, figure: Callable[..., Any], *content: Any) -> str:
-    """As `kept`, of `figure(*content)`; where it cannot be drawn, a sentence stands in its place, no more is lost."""
+    """`figure(*content)` drawn once, as its file asks, then freed: -> the text of an SVG, which is what a page takes.
+
+    Where it cannot be drawn, a sentence stands in its place, no more is lost.
+    """
     from markupsafe import Markup
 
+    text = ""
     try:
-        return kept(figure(*content), path)
+        made = figure(*content)
+        if path.suffix == ".png":  # without a date or version
+            with atomic(path) as temporary:
+                save(made, temporary, format="png", metadata={"Software": None})
+        else:
+            text = svg_text(made)
+            write_text(path, text)
+        close(made)
+        return text
     except Exception as error:  # of the libraries: no number and no verdict rests on a picture
         log.warning("%s could not be drawn: %s", path.name, one_line(f"{type(error).__name__}: {error}"))
         path.unlink(missing_ok=True)

@@ -8,7 +8,6 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
-from simgap.diagnosis.arms.answer import ArmDiagnosis
 from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY
 from simgap.diagnosis.verdict.missing import Missing
@@ -71,12 +70,15 @@ def draw(
     return texts
 
 
-def draw_arm(found: ArmDiagnosis, inputs: Sequence[str], units: Mapping[str, str], folder: Path) -> dict[str, Any]:
+def draw_arm(
+    document: Mapping[str, Any], traces: Sequence[WindowPrediction], inputs: Sequence[str], folder: Path
+) -> dict[str, Any]:
     """As `draw`, of an arm: errors of its torques, and the longest of its traces."""
-    longest = sorted(found.predictions, key=lambda p: -len(p.t))[:MOST_ARM_TRACES]
+    longest, units = sorted(traces, key=lambda p: -len(p.t))[:MOST_ARM_TRACES], document["units"]
+    before, after = (document["error"][side]["fit_rmse"] for side in ("before", "after"))
     with style.figure_style():
         return {
-            "error": style.drawn(folder / "error.svg", torque_error_figure, found.before, found.after, inputs, units),
+            "error": style.drawn(folder / "error.svg", torque_error_figure, before, after, inputs, units),
             "overlays": [
                 (p.trace, style.drawn(folder / f"torques-{k + 1}.svg", overlay_figure, [p], inputs, units))
                 for k, p in enumerate(longest)

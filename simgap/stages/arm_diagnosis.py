@@ -74,7 +74,7 @@ def run(
     none = {n: np.zeros(0) for n in (*nothing, *(f"next_{n}" for n in record.measured))}  # is held against gamma
     write_answer(context, content, text, none, out_dir)
     tell(f"{content['verdict']}: {content['sentence']}")
-    figures = draw_arm(found, inputs, context.units, out_dir)
+    figures = draw_arm(content, found.predictions, inputs, out_dir)
     write_text(out_dir / PAGE, page(content, case.title or case.name, figures, ARM_TEMPLATE))
     write_recording(out_dir / RECORDING, found.predictions, inputs, (), context.units, case.name)
     return content

@@ -80,6 +80,21 @@ def test_every_link_leads_to_a_file_of_the_repository(root):
     assert [(p.name, link) for p, link in links if not (p.parent / link).exists()] == []
 
 
+def test_axe_finds_no_violation_on_a_page_of_any_kind(root):
+    """CHANGELOG says so, and every template of a page has been looked at (`benchmarks/accessibility.py`)."""
+    looked = json.loads((root / "benchmarks/results/accessibility.json").read_text())["pages"]
+    kinds = {"case", "diagnosis", "arm_diagnosis", "index", "sweep", "nothing_wins"}
+    assert set(looked) >= kinds
+    templates = [p for p in root.glob("reports/*.html.j2") if "extends" in p.read_text().splitlines()[0]]
+    assert len(templates) == len(kinds)
+    for rows in looked.values():
+        assert {(row["width"], row["scheme"]) for row in rows} == {
+            (w, s) for w in (1400, 390) for s in ("light", "dark")
+        }
+        assert [row["violations"] for row in rows] == [{}] * 4
+        assert max(row["pixels_beyond"] for row in rows) <= 0
+
+
 def test_tables_are_those_of_the_results(root, tables):
     compared = 0
     for path in pages(root):
