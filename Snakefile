@@ -42,8 +42,12 @@ onerror:
 
     failed = failures([Path(path) for path in log])
     words = {f"results/{n}": case.no_controller for n, case in LOADED.items()}
-    told = [f"Page: {page}" for page in write_failed(failed, words)] + [*map(str, failed)]
-    atexit.register(lambda: sys.stderr.write("".join(f"\nsimgap: {t}\n" for t in told)))
+    told = [f"Page: {page}" for page in write_failed(failed, words)] + [
+        *map(str, failed)
+    ]
+    atexit.register(
+        lambda: sys.stderr.write("".join(f"\nsimgap: {t}\n" for t in told))
+    )
 
 
 localrules:
