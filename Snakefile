@@ -41,8 +41,13 @@ onerror:
     from simgap.cli.endings import failures, write_failed
 
     failed = failures([Path(path) for path in log])
-    told = [f"Page: {page}" for page in write_failed(failed)] + [*map(str, failed)]
-    atexit.register(lambda: sys.stderr.write("".join(f"\nsimgap: {t}\n" for t in told)))
+    words = {f"results/{n}": case.no_controller for n, case in LOADED.items()}
+    told = [f"Page: {page}" for page in write_failed(failed, words)] + [
+        *map(str, failed)
+    ]
+    atexit.register(
+        lambda: sys.stderr.write("".join(f"\nsimgap: {t}\n" for t in told))
+    )
 
 
 localrules:

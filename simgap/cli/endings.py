@@ -7,7 +7,7 @@ the results, whatever the end was.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -76,8 +76,11 @@ def _text(path: Path) -> str:
         return ""
 
 
-def write_failed(failed: Sequence[Failure], folder: Path = Path()) -> list[Path]:
-    """A page in each folder of results of which a job failed, after `check` had nothing against the case."""
+def write_failed(failed: Sequence[Failure], words: Mapping[str, str], folder: Path = Path()) -> list[Path]:
+    """A page in each folder of results of which a job failed, after `check` had nothing against the case.
+
+    `words` are what cases themselves say of why they ask for no controller, by folder.
+    """
     found: dict[Path, list[Failure]] = {}
     for failure in failed:
         if failure.log is not None and failure.rule != "check" and "logs" in Path(failure.log).parts:
@@ -86,7 +89,8 @@ def write_failed(failed: Sequence[Failure], folder: Path = Path()) -> list[Path]
     own = {results: why for results, why in found.items() if results not in checked}
     for results, why in own.items():
         bounded = all(f.rule in _BOUNDED for f in why)
-        write_page(folder / results, [f.told or str(f) for f in why], bounded)
+        said = [words[str(results)]] if words.get(str(results)) else []
+        write_page(folder / results, [f.told or str(f) for f in why] + said, bounded)
     return [results / PAGE for results in own]
 
 

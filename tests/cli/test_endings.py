@@ -37,7 +37,7 @@ def test_the_last_error_of_each_log_is_told_with_its_place(tmp_path):
         "p.yaml: grid.eps: too small. Take more. [check, results/p/logs/check.log]",
     ]
     assert failures([tmp_path / "none.log"], tmp_path) == []
-    assert write_failed(failures([tmp_path / "run.log"], tmp_path), tmp_path) == []  # `check` has refused the case
+    assert write_failed(failures([tmp_path / "run.log"], tmp_path), {}, tmp_path) == []  # `check` has refused the case
 
 
 def ended(folder, rule, log, told):
@@ -56,7 +56,7 @@ def ended(folder, rule, log, told):
     (folder / "run.log").write_text(
         f"Error in rule {rule}:\n    jobid: 1\n    log: results/p/logs/{log} (check log file(s))\n"
     )
-    (page,) = write_failed(failures([folder / "run.log"], folder), folder)
+    (page,) = write_failed(failures([folder / "run.log"], folder), {"results/p": "Drives are weak."}, folder)
     assert page.name == PAGE
     return (folder / page).read_text()
 
@@ -69,6 +69,7 @@ def test_whatever_job_fails_a_page_says_why(tmp_path):
     early = ended(tmp_path, "scp", "scp-angle.log", "p.yaml: gap.basis: the program is not solved. Take fewer terms.")
     assert "the program is not solved. Take fewer terms." in early
     assert "0.0456" not in early  # of an earlier run
+    assert "Drives are weak." in early
 
 
 def test_a_case_that_asks_for_no_controller_has_the_page_too(tmp_path):
