@@ -30,7 +30,7 @@ def test_a_line_now_and_then_where_there_is_no_terminal(monkeypatch, capsys):
     with module.progress("starting") as tell:
         for words in ("one", "two", "three", "four", "five"):
             tell(words)
-    assert capsys.readouterr().err.splitlines() == ["three", "five"]
+    assert capsys.readouterr().err.splitlines() == ["one", "five"]
 
 
 def test_a_run_says_what_begins_what_is_done_and_what_is_left(tmp_path):

@@ -234,7 +234,7 @@ def test_other_delimiters_decimal_commas_and_comment_headers(tmp_path, text):
 
 def test_a_cell_that_is_no_number_is_named_by_row(tmp_path):
     data = {k: [f"{x:.9g}" for x in v] for k, v in swing().items()}
-    for bad in ("oops", "", "nan", "inf", "NA"):
+    for bad in ("oops", "inf", "-inf"):
         broken = {**data, "q": [*data["q"]]}
         broken["q"][41] = bad
         text = refusal(write(tmp_path / "run.csv", broken))
@@ -242,10 +242,6 @@ def test_a_cell_that_is_no_number_is_named_by_row(tmp_path):
     broken = {**data, "t": [*data["t"]]}
     broken["t"][41] = "oops"
     assert "row 42, column 't'" in refusal(write(tmp_path / "run.csv", broken))
-    nulls = [*swing()["q"]]
-    nulls[6] = None
-    pq.write_table(pa.table({**swing(), "q": nulls}), tmp_path / "run.parquet")
-    assert "row 7, column 'q'" in refusal(tmp_path / "run.parquet")
 
 
 def test_a_bad_cell_that_no_one_asked_for_is_not_read(tmp_path):

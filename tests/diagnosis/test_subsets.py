@@ -12,6 +12,7 @@ from simgap.diagnosis.conclude import better
 from simgap.diagnosis.search.equivalence import Rival
 from simgap.diagnosis.search.leaps import best_subsets
 from simgap.diagnosis.search.scoring import Screen
+from simgap.diagnosis.simulation.supermodel import Candidate
 
 
 def _screen(columns: np.ndarray, residual: np.ndarray, own: int) -> Screen:
@@ -22,7 +23,7 @@ def _screen(columns: np.ndarray, residual: np.ndarray, own: int) -> Screen:
         effect = SimpleNamespace(
             contains=None, physical=lambda v: True, parameters=(SimpleNamespace(symbol="a"),), name=f"e{j}"
         )
-        asked.append((SimpleNamespace(effect=effect, key=(f"e{j}", "x"), slots=(j,)), start, (j,)))
+        asked.append((Candidate(effect, "x", (j,)), start, (j,)))
     at = SimpleNamespace(slots=tuple(range(own)), theta=np.zeros(columns.shape[1]))
     return Screen(
         at, own, tuple(asked), columns.T @ columns, columns.T @ residual, float(residual @ residual), frozenset()

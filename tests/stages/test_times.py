@@ -49,7 +49,7 @@ def test_a_stage_counts_the_cpu_time_of_its_processes(tmp_path):
     stage = (
         "import subprocess, sys\n"
         "from simgap.cli.commands import app\n"
-        "from simgap.cli import options, main\n"
+        "from simgap.cli import main, terminal as options\n"
         "@app.command()\n"
         "def burn(log: options.Log = None) -> None:\n"
         f"    options.start_log(log); subprocess.run([sys.executable, '-c', {burn!r}], check=True)\n"

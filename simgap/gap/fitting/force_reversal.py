@@ -31,7 +31,8 @@ LINES, POINTS, LENGTH = 320, 64, 0.004
 .01 of X long, and what is measured is within 1 % of its height. Judgement."""
 NEAR, SMOOTH, NOTHING = 1e-3, 0.25, 1e-6
 """Half of the lines begin this share of X to all of it from rest, evenly in the logarithm; quantile of the differences
-on a line that is taken for its slope; share of X up to which a line only bends."""
+on a line that is taken for its slope; share of X up to which a line only bends where no force
+that the engine reverses is declared."""
 _STATES = 4096
 """Random states and inputs at which the rates' jump is taken."""
 
@@ -45,7 +46,8 @@ def staircase_height(context: Context) -> Floats | None:
     if context.case.simulator is None:
         return None
     found = {surface.name for surface in switching_surfaces(context) if surface.is_Symbol} & set(context.states)
-    box, height = context.box, kick(context)
+    box, known = context.box, kick(context)
+    height = known
     rng = np.random.default_rng(0)
     for name in sorted(found):
         j = context.states.index(name)
@@ -55,7 +57,7 @@ def staircase_height(context: Context) -> Floats | None:
         ((following, _),) = run_in_processes(roll_out, [(context.case, context.folder, x, u)], 1, None)
         gap = (following - context.plant.sampled.step(x, u)).reshape(LINES, POINTS, -1)
         height = np.maximum(height, stair(gap, x[:, j].reshape(LINES, POINTS)))
-    height = np.where(height > NOTHING * (box.hi - box.lo), height, 0.0)
+    height = np.where(known.any() | (height > NOTHING * (box.hi - box.lo)), height, 0.0)
     return height if height.any() else None
 
 
