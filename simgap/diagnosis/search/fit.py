@@ -197,7 +197,7 @@ def _follow(problem: Problem, at: _Point, linear: Linearised, theta: Floats, ste
 
 def _begun_afresh(problem: Problem, at: _Point, promise: Floats) -> _Point:
     """Windows whose chi^2 stands out, or under dry friction still promise, are refitted from several starts."""
-    out = stand_out(problem, at.chi2)
+    out = stand_out(problem, at.theta, at.chi2)
     if problem.model.rubs(at.theta):
         out |= promise > EQUIVALENT_CHI2 * np.maximum(1.0, at.chi2 / problem.counts)
     ends = begun_afresh(problem, at.theta, Refit(at.x0, at.chi2, promise), out)

@@ -55,12 +55,14 @@ def refit_from_all(problem: Problem, theta: Floats, x0: Floats) -> Refit:
     if problem.model.rubs(theta):
         return _from_starts(problem, theta, x0)
     best = _from_here(problem, theta, x0)
-    return begun_afresh(problem, theta, best, stand_out(problem, best.chi2))
+    return begun_afresh(problem, theta, best, stand_out(problem, theta, best.chi2))
 
 
-def stand_out(problem: Problem, chi2: Floats) -> Bools:
-    """Windows (w,) whose chi^2 stands out of the others' by more than white noise does."""
+def stand_out(problem: Problem, theta: Floats, chi2: Floats) -> Bools:
+    """Windows (w,) whose chi^2 stands out of the others' by more than white noise does; a gross error may stand out."""
     size = chi2 / problem.counts
+    if problem.usual is not None and not problem.model.rubs(theta):
+        return np.zeros(len(size), dtype=bool)
     return np.asarray(size > np.median(size) * (1.0 + NEAR * np.sqrt(2.0 / problem.counts)))
 
 
