@@ -296,7 +296,7 @@ def test_what_a_search_raises_or_dies_of_is_no_answer():
 
 PARENT = """
 import os, sys, time
-from simgap.extras.wizard.deadline import last_within
+from simgap.deadline import last_within
 def search(tell):
     print(os.getpid(), flush=True)
     while True:

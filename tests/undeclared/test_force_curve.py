@@ -28,7 +28,7 @@ def test_a_ripple_of_which_one_period_was_met_is_not_sure():
     """Where the record went, a weak torsion is a spring and a ripple of a long period to within the noise."""
     d = answer("pendulum", "square spring", 0)
     assert d.verdict == "partial"
-    assert any("1.2 periods of the ripple" in w for w in d.warnings)
+    assert any("1.2 periods of the ripple" in w for w in d.doubts)
 
 
 def test_a_soft_stop_is_where_the_curve_falls():

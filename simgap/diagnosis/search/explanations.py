@@ -145,12 +145,10 @@ class Search:
         return self.explain(kept, theta, base.fit, again=True)
 
     def refined(self, base: Explanation) -> list[Explanation]:
-        """The base with an effect that contains one of its own in that one's place, if the linear problem promises that
-        it is worth its parameters; fitted, physical ones only."""
+        """The base with an effect that contains one of its own in that one's place, fitted, physical ones only."""
         found = []
         for member in base.members:
-            inside = [s for s in self.ranked(base) if _contained(s.candidate) == member.key]
-            finer = {s.candidate.key for s in inside if s.drop / self.scale > BIC_GAIN}
+            finer = {c.key for c, _ in self.starts.items if _contained(c) == member.key} - base.keys
             if finer:
                 rest = self.without(base, member)
                 found += [self.extend(rest, s) for s in self.ranked(rest) if s.candidate.key in finer]
