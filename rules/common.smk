@@ -9,7 +9,13 @@ from simgap.cache import machine_code
 from simgap.config.load import load_case
 from simgap.config.reads import READS
 from simgap.config.measured import named_recordings
-from simgap.config.run import MARK, base_of, case_of_rig, points_of_sweep, workflow_config
+from simgap.config.run import (
+    MARK,
+    base_of,
+    case_of_rig,
+    points_of_sweep,
+    workflow_config,
+)
 from simgap.errors import SimgapError, UserError
 from simgap.gap.sampling.points import (
     EVERY_HISTORY,
