@@ -79,9 +79,10 @@ def copied() -> bool:
 
     The process itself waits until the copy ends, and has so much less.
     """
-    left = seconds_left()
+    left, parent = seconds_left(), os.getpid()
     copy = os.fork()
     if copy == 0:
+        _end_with(parent)
         signal.setitimer(signal.ITIMER_PROF, left)
         return True
     _, _, used = os.wait4(copy, 0)
@@ -91,9 +92,7 @@ def copied() -> bool:
 
 def _report(seconds: float, search: Callable[[Tell], Iterator[Found]], pipe: Connection, parent: int) -> None:
     """Send what the search tells and finds, until the system ends the process by a signal that nothing handles."""
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent:  # ended before that was said
-        return
+    _end_with(parent)
     signal.signal(signal.SIGPROF, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the command, which ends this one
     signal.setitimer(signal.ITIMER_PROF, min(max(seconds, _LEAST_S), 1e9))
@@ -106,3 +105,10 @@ def _report(seconds: float, search: Callable[[Tell], Iterator[Found]], pipe: Con
         pipe.send(("raised", error))
     except Exception:  # not every exception can be pickled, and where it happened never is
         pipe.send(("raised", RuntimeError(traceback.format_exc())))
+
+
+def _end_with(parent: int) -> None:
+    """End this process as soon as the one that forked it has ended."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:  # ended before that was said
+        os.kill(os.getpid(), signal.SIGKILL)

@@ -87,6 +87,12 @@ def with_error(value: float, half: float, unit: str = "") -> str:
     return f"{value:.{digits}f} ± {half:.{digits}f}{tail}"
 
 
+def from_to(start: float, stop: float) -> str:
+    """Two times with the digits that tell them apart: '3.2 to 5.4 s', '0.01234 to 0.012385 s'."""
+    digits = max(0, 1 - math.floor(math.log10(max(stop - start, 1e-9))))
+    return f"{round(start, digits):.12g} to {round(stop, digits):.12g} s"
+
+
 def joined(parts: Sequence[str], last: str = "and") -> str:
     """'a', 'a and b', 'a, b and c'; nothing for no part."""
     return f"{', '.join(parts[:-1])} {last} {parts[-1]}" if len(parts) > 1 else "".join(parts)

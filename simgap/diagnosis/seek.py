@@ -85,7 +85,8 @@ def searched(
 def on_its_step(parts: Parts, ends: Searched, most: int, not_tried: Collection[Key]) -> tuple[Parts, Searched]:
     """The search again with half the integration step, until that suits an answer at the noise and what is part of it.
 
-    An effect that cuts the steps shorter, such as a delay, must not be needed for that alone.
+    An effect that cuts the steps shorter, such as a delay, must not be needed for that alone. A search that is stopped
+    leaves the answer before it.
     """
     for _ in range(_HALVINGS):
         search, _, found = ends
@@ -94,8 +95,11 @@ def on_its_step(parts: Parts, ends: Searched, most: int, not_tried: Collection[K
             break
         if all(resolved_everywhere(search.problem, e.fit.theta, e.fit.x0) for e in inside):
             break
-        parts = parts.changed(lambda p: replace(p, h_max=p.h_max / 2))
-        ends = searched(parts.known, most, not_tried, search.watch)
+        finer = parts.changed(lambda p: replace(p, h_max=p.h_max / 2))
+        again = searched(finer.known, most, not_tried, search.watch, (found, chi2_dof(search.problem, found.fit)))
+        if search.watch.stopped:
+            break
+        parts, ends = finer, again
     return parts, ends
 
 

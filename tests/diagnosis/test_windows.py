@@ -12,7 +12,7 @@ from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.record.folds import split_windows
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
-from simgap.diagnosis.search.watch import Watch
+from simgap.diagnosis.search.watch import Stopped, Watch
 from simgap.diagnosis.simulation.initial import initial_states, runs_away
 from simgap.diagnosis.simulation.parts import parts_of
 from simgap.diagnosis.simulation.problem import build_problem
@@ -82,9 +82,21 @@ def test_what_drifts_or_swings_keeps_its_windows():
     rng = np.random.default_rng(91502)
     t = np.arange(1000) * DT
     record = Record((Trace("run", t, np.cos(5.0 * t)[:, None], rng.standard_normal((1000, 1))),), ("q",), ("u",))
-    for force in (lambda q, v, u: u, lambda q, v, u: u - 25.0 * q, lambda q, v, u: u - 3.0 * v):
+    for force in (
+        lambda q, v, u: u, lambda q, v, u: u - 25.0 * q, lambda q, v, u: u - 3.0 * v,
+        lambda q, v, u: u - np.pi**2 * q, lambda q, v, u: u - (2.0 * np.pi) ** 2 * q,  # the middle sees nothing of v
+    ):  # fmt: skip
         compiled = cached_supermodel(on_a_line(force), ("q",))
         assert not runs_away(build_problem(compiled, record, split_windows(record, 1.0), np.array([NOISE])))
+
+
+@pytest.mark.parametrize("pole", [12.0, 24.0, 48.0])
+def test_a_model_that_is_lost_within_a_window_runs_away(pole):
+    rng = np.random.default_rng(91507)
+    t = np.arange(1000) * DT
+    record = Record((Trace("run", t, np.cos(5.0 * t)[:, None], rng.standard_normal((1000, 1))),), ("q",), ("u",))
+    compiled = cached_supermodel(on_a_line(lambda q, v, u: pole**2 * q + u), ("q",))
+    assert runs_away(build_problem(compiled, record, split_windows(record, 1.0), np.array([NOISE])))
 
 
 def test_a_window_that_ended_in_another_well_is_begun_afresh():
@@ -125,6 +137,26 @@ def test_an_answer_on_a_step_that_is_too_long_is_sought_again_on_half_of_it(suit
     assert after.known.h_max == parts.known.h_max / (1 if suits else 2)
     assert (again is ends) == suits
     assert again[2].fit.theta == pytest.approx(ends[2].fit.theta, rel=1e-3)
+
+
+def test_a_stop_on_a_finer_step_leaves_the_answer_before_it(monkeypatch):
+    rng = np.random.default_rng(91506)
+    t, wave = np.arange(1600) * DT, 4.0 * np.repeat(rng.uniform(-1.0, 1.0, 160), 10)
+    x = moved(lambda q, v, u: u - 2.0 * v, (0.0, 0.0), lambda _: iter(wave))[:-1]
+    y = x[:, :1] + NOISE * rng.standard_normal((1600, 1))
+    record, settings = Record((Trace("run", t, y, wave[:, None]),), ("q",), ("u",)), DiagnosisSettings()
+    parts, _ = parts_of(on_a_line(lambda q, v, u: u), record, settings)
+    ends = seek.searched(parts.known, 1, {}, Watch())
+    monkeypatch.setattr(seek, "resolved_everywhere", lambda *_: False)
+
+    def stopped(self: Watch, best: str) -> None:
+        self.stopped = "The search was stopped for a test"
+        raise Stopped
+
+    monkeypatch.setattr(Watch, "step", stopped)
+    after, again = seek.on_its_step(parts, ends, 1, {})
+    assert ends[2].members
+    assert (after, again) == (parts, ends)
 
 
 def test_a_brief_time_is_no_longer_than_a_window():

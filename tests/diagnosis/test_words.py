@@ -6,7 +6,7 @@ import math
 import pytest
 
 from simgap.diagnosis.verdict.words import describe, phrase, verdict_parts
-from simgap.notation import pretty_unit, with_error
+from simgap.notation import from_to, pretty_unit, with_error
 
 
 def said(document):
@@ -29,6 +29,14 @@ def said(document):
 )
 def test_digits_follow_the_uncertainty(value, half, text):
     assert with_error(value, half, "N*m") == text
+
+
+@pytest.mark.parametrize(
+    ("start", "stop", "text"),
+    [(4.1, 4.3, "4.1 to 4.3 s"), (12.34123, 12.34821, "12.3412 to 12.3482 s"), (0.0, 1234.4, "0 to 1234 s")],
+)
+def test_digits_of_times_follow_how_long_they_last(start, stop, text):
+    assert from_to(start, stop) == text
 
 
 def test_units():

@@ -16,6 +16,7 @@ from simgap.diagnosis.record.record import Record, runs
 from simgap.diagnosis.thresholds import A_FEW, BRIEF_S, FAR, MATTERS, MOST, SELDOM, SEVERAL
 from simgap.late import sympy as sp
 from simgap.model.symbolic import Coordinate, SymbolicModel, symbol
+from simgap.notation import from_to
 from simgap.units import full_turn
 
 
@@ -262,4 +263,4 @@ def _still_words(still: tuple[Stretch, ...], frozen: tuple[Stretch, ...], total:
 
 def _longest(stretches: tuple[Stretch, ...]) -> str:
     s = max(stretches, key=lambda item: item.seconds)
-    return f"{s.start:.3g} to {s.stop:.3g} s of {s.trace}"
+    return f"{from_to(s.start, s.stop)} of {s.trace}"

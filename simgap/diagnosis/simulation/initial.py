@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.diagnosis.simulation.problem import Problem
+from simgap.diagnosis.simulation.problem import FARTHEST, Problem
 from simgap.diagnosis.simulation.sensitivity import state_columns, state_steps
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
@@ -51,18 +51,20 @@ def initial_states(problem: Problem) -> Floats:
 def runs_away(problem: Problem) -> bool:
     """Whether an error of the start grows `GROWTH` times in the second half of most windows, as the model is declared.
 
-    What drifts or accelerates grows twofold or fourfold there; what falls from an unstable rest grows without end.
+    The largest that it does in each half is compared: what swings passes through zero. What drifts or accelerates grows
+    twofold or fourfold there; what falls from an unstable rest grows without end, until the prediction is lost.
     """
     part, _ = problem.some()
     x0, theta = initial_states(part), part.model.null
-    steps = state_steps(x0)
-    moved = state_columns(partial(part.residuals, theta), x0, steps, part.residuals(theta, x0))
-    size = np.sqrt(np.sum(np.square(moved), axis=2))
-    at = [np.cumsum([0, *np.diff(part.rows)])[:-1] + np.diff(part.rows) * k // 2 for k in (1, 2)]
-    middle, end = size[:, at[0]], size[:, at[1] - 1]
+    missed = part.misses(theta, x0)
+    moved = state_columns(partial(part.misses, theta), x0, state_steps(x0), missed)
+    size = np.max(np.abs(moved), axis=2)
+    halves = np.ravel(np.column_stack([part.rows[:-1], part.rows[:-1] + np.diff(part.rows) // 2 + 1]))
+    first, second = np.maximum.reduceat(size, halves, axis=1).reshape(len(size), -1, 2).transpose(2, 0, 1)
+    lost = np.maximum.reduceat(np.max(np.abs(missed), axis=1), part.rows[:-1]) >= FARTHEST
     with np.errstate(invalid="ignore", divide="ignore"):
-        grown = np.max(np.where(middle > 0.0, end / middle, 0.0), axis=0)
-    return bool(np.median(np.nan_to_num(grown, nan=np.inf, posinf=np.inf)) > GROWTH)
+        grown = np.max(np.where(first > 0.0, second / first, 0.0), axis=0)
+    return bool(np.median(np.where(lost, np.inf, grown)) > GROWTH)
 
 
 def _value_and_slope(t: Floats, y: Floats, sigma: float) -> tuple[float, float]:

@@ -27,7 +27,8 @@ T = TypeVar("T")
 Drive = tuple[Floats, Floats, Floats, Floats]
 _FADED = 5.0  # time constants of a lag after which what was commanded before has faded (e^-5 < 0.01)
 _REMEMBERED = 8
-_LARGE = 1e9
+FARTHEST = 1e9
+"""A miss in units of the noise is cut to it: the simulation diverged."""
 _TURN = 0.6  # of a step, rad, where a motor swings against its link
 
 
@@ -348,7 +349,7 @@ def _compare(readings: Floats, sigma: Floats, used: Floats, predicted: Floats) -
     for i in range(predicted.shape[0]):
         for j in range(predicted.shape[1]):
             r = (readings[i, j] - predicted[i, j]) / sigma[j]
-            predicted[i, j] = used[i, j] * (min(max(r, -_LARGE), _LARGE) if r == r else _LARGE)
+            predicted[i, j] = used[i, j] * (min(max(r, -FARTHEST), FARTHEST) if r == r else FARTHEST)
 
 
 def interval(t: Floats) -> float:

@@ -15,7 +15,7 @@ from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.gross_errors import are_gross
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import MOST, SEVERAL
-from simgap.notation import joined
+from simgap.notation import from_to, joined
 
 
 def gross_spans(known: Problem, at: Fit) -> tuple[Span, ...]:
@@ -37,7 +37,7 @@ def push_faults(spans: Sequence[Span], known: Problem, names: Sequence[str]) -> 
         return ()
     first, last = known.t[known.firsts], known.t[np.append(known.firsts[1:], len(known.t)) - 1]
     spans = [(k, max(a, float(first[k])), min(b, float(last[k]))) for k, a, b in spans]
-    places, lasts = [f"{a:.4g} to {b:.4g} s of {names[k]}" for k, a, b in spans], sum(b - a for _, a, b in spans)
+    places, lasts = [f"{from_to(a, b)} of {names[k]}" for k, a, b in spans], sum(b - a for _, a, b in spans)
     kept = float(np.sum(known.t[known.windows.stop - 1] - known.t[known.windows.start]))
     where = joined(places if len(places) <= 3 else [*places[:3], f"{len(places) - 3} more"])
     sentence = (

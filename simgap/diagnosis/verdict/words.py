@@ -7,7 +7,7 @@ from typing import Any
 
 from simgap.diagnosis.record.faults.measurement import FITTED, effect_or_fault
 from simgap.effects.base import Quoted
-from simgap.notation import joined, pretty_unit
+from simgap.notation import from_to, joined, pretty_unit
 
 Document = Mapping[str, Any]
 
@@ -79,7 +79,7 @@ def _where(c: Mapping[str, Any] | None) -> str:
     """The places that carry most of the error, and what the answer is worth without them."""
     if c is None:
         return ""
-    spans = [f"{s['from']:.3g} to {s['to']:.3g} s of {s['trace']}" for s in c["stretches"]]
+    spans = [f"{from_to(s['from'], s['to'])} of {s['trace']}" for s in c["stretches"]]
     where = joined(spans if len(spans) <= 3 else [*spans[:3], f"{len(spans) - 3} more"])
     share = min(max(c["explained_share_without"], 0.0), 1.0)
     without = f"; without them the effects explain {100 * share:.0f} %" if share > 0.0 else ""
