@@ -66,7 +66,7 @@ def test_an_error_that_is_spread_is_not_in_one_place(shape):
     n, rng = 400, np.random.default_rng(4)
     size = rng.standard_normal(n) if shape == "gaussian" else np.sin(0.1 * np.arange(n))
     at = np.arange(n)
-    ahead = HorizonError(np.ones(1), np.array([1e-3]), 30 * size[:, None], 10 * at, 10 * at + 50)
+    ahead = HorizonError(30 * size[:, None], 10 * at, 10 * at + 50, lambda: np.array([1e-3]))
     held = SimpleNamespace(at_noise=False, horizon=ahead)
     confirm = SimpleNamespace(sigma=np.ones(1))
     assert concentrated(confirm, ["a"], held, held) is None

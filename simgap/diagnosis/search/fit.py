@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.diagnosis.record.folds import Windows
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.refit import (
+    PATIENCE,
     Refit,
     begun_afresh,
     refit,
@@ -34,9 +34,6 @@ promised .4 to 136; begun afresh they ended lower by 20 to 350."""
 _MAX_ITERATIONS = 30
 _SOFTEST, _STIFFEST = 1e-9, 1e8  # damping
 _ROUNDS = 3  # descents, windows that stand out begun afresh between them
-_PATIENCE = 5
-"""Linear problems in a row that promise a useless end. Of the sets of 367 fits to two runs of a rod (sac and ddp of the
-real recordings) one ended higher than where no start was given up, three at a patience of 3."""
 _FEW = 4  # linearisations of a window that does worse than foreseen
 _SHORT, _LEAST = 0.3, 0.05  # a window whose chi^2 misses this share of its foreseen drop, and this much, is refitted
 
@@ -51,7 +48,7 @@ class Fit:
         covariance: (p, p) of the free parameters for the assumed noise, (projected J^T J)^-1.
         at_limit: slots that ended on a physical limit.
         converged: whether what the linear problem still promises is within `_SETTLED` and `EQUIVALENT_CHI2`.
-        windows: that the initial states are of.
+        problem: that it is a fit to.
     """
 
     theta: Floats
@@ -61,11 +58,16 @@ class Fit:
     covariance: Floats
     at_limit: tuple[int, ...]
     converged: bool
-    windows: Windows | None = None
+    problem: Problem | None = None
 
     def begin(self, problem: Problem) -> Floats:
-        """Where a fit to the problem begins, (w, nx): its initial states, new ones on other windows than its own."""
-        return self.x0 if self.windows is problem.windows else initial_states(problem)
+        """Where a fit to the problem begins, (w, nx): its initial states, new ones in windows that are not its own."""
+        if self.problem is None or self.problem.t is not problem.t:
+            return initial_states(problem)
+        if self.problem.windows is problem.windows:
+            return self.x0
+        own, x0 = dict(zip(self.problem.windows, self.x0, strict=True)), initial_states(problem)
+        return np.stack([own.get(window, guess) for window, guess in zip(problem.windows, x0, strict=True)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +105,7 @@ def fit(
         slots: the parameters that are free; they stay within their physical limits.
         steps: difference step of each slot.
         max_iterations: most linearisations of a descent; rounds: most descents.
-        useless: a chi^2 at which the fit serves nobody. It is given up where `_PATIENCE` linear problems in a row
+        useless: a chi^2 at which the fit serves nobody. It is given up where `PATIENCE` linear problems in a row
             promise no less.
 
     Source: Levenberg (1944); Marquardt (1963); Nocedal, Wright (2006), Numerical Optimization, sec. 10.3.
@@ -112,7 +114,7 @@ def fit(
     if not free:
         ends = refit_from_all(problem, theta, x0)
         chi2, settled = float(np.sum(ends.chi2)), _all_settled(ends, problem)
-        return Fit(theta.copy(), ends.x0, (), chi2, np.zeros((0, 0)), (), settled, problem.windows)
+        return Fit(theta.copy(), ends.x0, (), chi2, np.zeros((0, 0)), (), settled, problem)
     at = _Point(theta.copy(), x0.copy(), window_chi2(problem, theta, x0))
     at, converged = _begun_afresh(problem, at, np.zeros(len(x0))), False
     for _ in range(rounds):
@@ -127,7 +129,7 @@ def fit(
             break
         at = mended
     limit = tuple(k for k in free if at.theta[k] in (problem.model.lower[k], problem.model.upper[k]))
-    return Fit(at.theta, at.x0, tuple(slots), at.total, inverted(linear.gram, 1e-12), limit, converged, problem.windows)
+    return Fit(at.theta, at.x0, tuple(slots), at.total, inverted(linear.gram, 1e-12), limit, converged, problem)
 
 
 def _least_gain(at: _Point) -> float:
@@ -154,7 +156,7 @@ def _descend(
         if at.total - float(np.sum(foreseen)) < _least_gain(at):
             break
         vain = vain + 1 if float(np.sum(foreseen)) > useless else 0
-        if vain == _PATIENCE:
+        if vain == PATIENCE:
             return at, linear, False, True
         new = None
         while damping < _STIFFEST:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 
 from simgap.arrays import Floats
@@ -31,12 +29,15 @@ def initial_states(problem: Problem) -> Floats:
     model, measured = problem.model.model, problem.model.measured
     names, position = model.state_names, _position_of(model)
     x0 = np.zeros((len(problem.windows), problem.model.begun))
+    known: dict[tuple[int, int], list[tuple[float, float]]] = problem.memo.kept("starts", problem.sigma.tobytes(), dict)
     for w, (a, b) in enumerate(zip(problem.windows.start, problem.windows.stop, strict=True)):
         stop = min(int(b), int(a) + max(_SPANS))
-        begins = [
-            _value_and_slope(problem.t[a:stop] - problem.t[a], y, float(sigma))
-            for y, sigma in zip(problem.y[a:stop].T, problem.sigma, strict=True)
-        ]
+        if (a, stop) not in known:
+            known[a, stop] = [
+                _value_and_slope(problem.t[a:stop] - problem.t[a], y, float(sigma))
+                for y, sigma in zip(problem.y[a:stop].T, problem.sigma, strict=True)
+            ]
+        begins = known[a, stop]
         for i, name in enumerate(names):
             if name in measured:
                 x0[w, i] = begins[measured.index(name)][0]
@@ -56,8 +57,7 @@ def runs_away(problem: Problem) -> bool:
     """
     part, _ = problem.some()
     x0, theta = initial_states(part), part.model.null
-    missed = part.misses(theta, x0)
-    moved = state_columns(partial(part.misses, theta), x0, state_steps(x0), missed)
+    missed, moved = state_columns(part, theta, x0, state_steps(x0), Problem.misses)
     size = np.max(np.abs(moved), axis=2)
     halves = np.ravel(np.column_stack([part.rows[:-1], part.rows[:-1] + np.diff(part.rows) // 2 + 1]))
     first, second = np.maximum.reduceat(size, halves, axis=1).reshape(len(size), -1, 2).transpose(2, 0, 1)

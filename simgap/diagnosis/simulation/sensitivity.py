@@ -10,13 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
 from simgap.arrays import Bools, Floats
 from simgap.diagnosis.simulation.problem import Problem
 
+Missed = Callable[[Problem, Floats, Floats], Floats]
 _ROWS_AT_ONCE = 60_000  # memory of a pass does not grow with the record
 _RANK = 1e-10
 _VISIBLE = 1e-14
@@ -152,15 +152,16 @@ def state_steps(x0: Floats) -> Floats:
     return 1e-6 * (0.1 + np.abs(x0).max(axis=0))
 
 
-def state_columns(missed: Callable[[Floats], Floats], x0: Floats, steps: Floats, here: Floats) -> Floats:
-    """What the predictions of windows do with each number of their initial states, (nx, rows, k).
-
-    Args:
-        missed: initial states (w, nx) -> what is missed, (rows, k); here: the same at x0.
-        steps: (nx,) of the differences.
-    """
-    shifts = zip(steps, np.eye(len(steps)), strict=True)
-    return np.stack([(here - missed(x0 + step * unit)) / step for step, unit in shifts])
+def state_columns(
+    problem: Problem, theta: Floats, x0: Floats, steps: Floats, missed: Missed = Problem.residuals
+) -> tuple[Floats, Floats]:
+    """What is missed (rows, k) from initial states (w, nx), and what each of their numbers does to the predictions,
+    (nx, rows, k), by differences of `steps` (nx,): one pass over all windows, shifted and not."""
+    (w, nx), k = x0.shape, problem.y.shape[1]
+    each = problem.on(problem.windows.pick(np.tile(np.arange(w), nx + 1)))
+    shifts = np.vstack([np.zeros(nx), np.diag(steps)])
+    all_of_them = missed(each, theta, (x0 + shifts[:, None]).reshape(-1, nx)).reshape(nx + 1, -1, k)
+    return all_of_them[0], (all_of_them[0] - all_of_them[1:]) / steps[:, None, None]
 
 
 def linearise(problem: Problem, theta: Floats, x0: Floats, directions: Sequence[Direction]) -> Linearised:
@@ -204,13 +205,12 @@ def _columns(
     problem: Problem, theta: Floats, x0: Floats, directions: Sequence[Direction], steps: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Flat residual (rows k,), parameter columns (rows k, p) and initial-state columns (rows k, nx), over sigma."""
-    here = problem.residuals(theta, x0)
+    here, states = state_columns(problem, theta, x0, steps)
     centre, columns = here.ravel(), np.empty((here.size, len(directions)))
     for j, d in enumerate(directions):
         high = centre if np.array_equal(d.plus, theta) else problem.residuals(d.plus, x0).ravel()
         low = centre if np.array_equal(d.minus, theta) else problem.residuals(d.minus, x0).ravel()
         columns[:, j] = (low - high) / d.span
-    states = state_columns(partial(problem.residuals, theta), x0, steps, here)
     return centre, columns, np.ascontiguousarray(states.reshape(len(steps), -1).T)
 
 

@@ -8,8 +8,6 @@ it is the push's own doing. Fitted data count too, as they are down to the noise
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 
 from simgap.arrays import Bools, Floats
@@ -102,8 +100,8 @@ def _leaves(known: Problem, at: Fit, left: Span) -> float:
     if t[b] < begin or last - b < 2:  # something else lies between
         return end
     part = known.on(Windows(*(np.array([v]) for v in (a, last, first, which))))
-    miss, x0 = part.misses(at.theta, at.x0[own : own + 1]), at.x0[own : own + 1]
-    states = state_columns(partial(part.misses, at.theta), x0, state_steps(x0), miss)
+    x0 = at.x0[own : own + 1]
+    miss, states = state_columns(part, at.theta, x0, state_steps(x0), Problem.misses)
     fitted = states[:, : b - a].reshape(len(states), -1)
     spread = np.linalg.pinv(fitted @ fitted.T, rcond=1e-12)
     size = np.sqrt(1.0 + np.einsum("irk,ij,jrk->rk", states, spread, states))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -21,15 +23,24 @@ class HorizonError:
     """Predictions h ahead.
 
     Attributes:
-        rmse: E(h), floor: F(h), (k,) each.
         error: (n, k) of each prediction; begin, end: (n,) samples where it began and where it was judged.
+        expected: makes `floor`.
     """
 
-    rmse: Floats
-    floor: Floats
     error: Floats
     begin: Ints
     end: Ints
+    expected: Callable[[], Floats]
+
+    @cached_property
+    def rmse(self) -> Floats:
+        """E(h), (k,)."""
+        return np.asarray(np.sqrt(np.mean(self.error**2, axis=0)))
+
+    @cached_property
+    def floor(self) -> Floats:
+        """F(h), (k,)."""
+        return self.expected()
 
 
 def horizon_error(problem: Problem, theta: Floats, horizon: float) -> HorizonError | None:
@@ -48,8 +59,7 @@ def horizon_error(problem: Problem, theta: Floats, horizon: float) -> HorizonErr
     start = fit(at, theta, initial_states(at), [], {}).x0
     whole = problem.on(Windows(base, end, first, at.windows.trace))
     error = whole.misses(theta, start)[whole.rows[1:] - 1] * problem.sigma
-    floor = _floor(at, whole, theta, start)
-    return HorizonError(np.sqrt(np.mean(error**2, axis=0)), floor, error, middle - 1, end - 1)
+    return HorizonError(error, middle - 1, end - 1, partial(_floor, at, whole, theta, start))
 
 
 def look_back(problem: Problem) -> float:

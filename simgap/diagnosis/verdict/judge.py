@@ -70,21 +70,38 @@ def judge(held: Problem, theta: Floats, horizon_s: float) -> HeldOut:
     rmse = np.sqrt(np.sum(held.misses(theta, at.x0) ** 2, axis=0) / each) * held.sigma / unbiased
     ratio = math.sqrt(float(np.sum(plain**2)) / count) / unbiased
     free = max(round(count - held.taken), 1)
-    ahead = horizon_error(held, theta, horizon_s) if horizon_s > 0.0 else None
-    errors = _scored(held, ahead, held.misses(theta, at.x0))
+    ahead = _ahead(held, theta, horizon_s)
+    errors = _misses(held, theta, at) if ahead is None else _blocks(held, ahead)
     return HeldOut(at.x0, rmse, ratio, chi2, free, held.heard, ahead, errors, int(np.sum(are_gross(loss, noise))))
 
 
-def _scored(held: Problem, ahead: HorizonError | None, misses: Floats) -> Errors:
-    """Errors ahead in blocks so long that none reaches past the next one; else the misses, window by window."""
-    heard = held.heard > 0.0
-    if ahead is None:
-        return Errors(misses[:, heard], np.repeat(np.arange(len(held.windows)), np.diff(held.rows)))
+def errors_ahead(held: Problem, theta: Floats, horizon_s: float) -> Errors:
+    """What `judge` scores a model by, and nothing else."""
+    held = replace(held, usual=None)
+    ahead = _ahead(held, theta, horizon_s)
+    if ahead is not None:
+        return _blocks(held, ahead)
+    return _misses(held, theta, fit(held, theta, initial_states(held), [], {}))
+
+
+def _ahead(held: Problem, theta: Floats, horizon_s: float) -> HorizonError | None:
+    return horizon_error(held, theta, horizon_s) if horizon_s > 0.0 else None
+
+
+def _misses(held: Problem, theta: Floats, at: Fit) -> Errors:
+    """The misses, window by window."""
+    misses = held.misses(theta, at.x0)[:, held.heard > 0.0]
+    return Errors(misses, np.repeat(np.arange(len(held.windows)), np.diff(held.rows)))
+
+
+def _blocks(held: Problem, ahead: HorizonError) -> Errors:
+    """Errors ahead in blocks so long that none reaches past the next one."""
     trace = np.searchsorted(held.firsts, ahead.begin, side="right") - 1
     since, ends = held.t[ahead.begin] - held.t[held.firsts[trace]], held.t[ahead.end] - held.t[ahead.begin]
     length = float(np.max(ends)) + look_back(held)
     place = np.stack([trace, since // length], axis=1)
-    return Errors((ahead.error / held.sigma)[:, heard], np.unique(place, axis=0, return_inverse=True)[1].ravel())
+    errors = (ahead.error / held.sigma)[:, held.heard > 0.0]
+    return Errors(errors, np.unique(place, axis=0, return_inverse=True)[1].ravel())
 
 
 def judged(problem: Problem, at: Fit, held: HeldOut, horizon_s: float) -> Judged:

@@ -22,10 +22,9 @@ from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.leaps import widen
 from simgap.diagnosis.simulation.coarse import JUDGED_ROWS, coarse
-from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import BIC_GAIN, MATTERS, MOST, PLAUSIBLE_RATIO, WIDTH
-from simgap.diagnosis.verdict.judge import folds_agree, judge, vanished
+from simgap.diagnosis.verdict.judge import errors_ahead, folds_agree, vanished
 from simgap.diagnosis.verdict.score import Errors, Gain, gained
 
 _PARTS = 10  # the choice is repeated without each of so many parts of the blocks
@@ -187,7 +186,6 @@ def _density(e: Explanation, parts: Sequence[Trial], h: float, steps: dict[int, 
     for part in parts:
         at = e.fit
         if e.members:
-            start = fit(part.fit, at.theta, initial_states(part.fit), [], {})
-            at = fit(part.fit, at.theta, start.x0, at.slots, steps)
-        errors.append(judge(part.judged, at.theta, h).errors)
+            at = fit(part.fit, at.theta, at.begin(part.fit), at.slots, steps)
+        errors.append(errors_ahead(part.judged, at.theta, h))
     return Errors.joined(errors).density() if errors else np.zeros(1)
