@@ -47,7 +47,6 @@ from simgap.diagnosis.verdict.judge import (
     judge,
     judged,
     slight,
-    vanished,
     verdict,
 )
 from simgap.effects import EFFECTS, AppliedEffect
@@ -283,7 +282,7 @@ def second_look(
     said = []
     for e in search.joined(found, most=NARROW):
         (added,) = (c.key for c in e.members if c.key not in found.keys)
-        if is_fault(added[0]) or added in {c.key for c in vanished(search, e, False)}:
+        if is_fault(added[0]):
             continue
         share = 1.0 - excess_share(left, judge(confirm, e.fit.theta, horizon_s), confirm.sigma)
         if share >= MATTERS:

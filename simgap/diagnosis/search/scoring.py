@@ -125,13 +125,17 @@ def barred(model: SymbolicModel, record: Record, named: Collection[str], known: 
 
 
 def _winds(model: SymbolicModel, record: Record, coordinate: str) -> bool:
-    """Whether the coordinate is an angle that travels more than a full turn in a trace."""
-    position = model.coordinate(coordinate).position
-    turn = full_turn(model.units[position])
-    if turn is None or position not in record.measured:
+    """Whether the coordinate is an angle that travels more than a full turn in a trace, by itself or its speed."""
+    c, measured = model.coordinate(coordinate), record.measured
+    turn = full_turn(model.units[c.position])
+    if turn is None or not {c.position, c.velocity} & set(measured):
         return False
-    k = record.measured.index(position)
-    return any(float(np.ptp(trace.y[:, k])) > abs(turn) for trace in record.traces)
+    if c.position in measured:
+        way = [float(np.ptp(trace.y[:, measured.index(c.position)])) for trace in record.traces]
+    else:
+        speed = measured.index(c.velocity)
+        way = [float(np.ptp(np.cumsum(t.y[1:, speed] * np.diff(t.t)))) for t in record.traces]
+    return any(each > abs(turn) for each in way)
 
 
 @dataclass(frozen=True, eq=False)

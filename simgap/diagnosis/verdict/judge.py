@@ -23,9 +23,11 @@ from simgap.diagnosis.simulation.gross_errors import are_gross, limited
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import FIT_QUALITY, LEAPS_ANYHOW, MATTERS, MOST, SURE
+from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY, LEAPS_ANYHOW, MATTERS, MOST, SURE
 from simgap.diagnosis.verdict.horizon import HorizonError, horizon_error, look_back
 from simgap.diagnosis.verdict.score import Errors, Gain
+
+_RANK = 1e-8  # of the largest eigenvalue, and of a unit vector: what is less is not there
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,16 +131,19 @@ def excess_share(before: HeldOut, after: HeldOut, sigma: Floats) -> float:
 
 def real(search: Search, found: Explanation, at_floor: bool) -> Explanation:
     """Without the effects whose interval contains "no effect", or of no practical size, and with what they contain in
-    the place of those that refine it by a number the data do not give; one after another, the rest fitted again."""
+    the place of those that refine it by a number the data do not give, where that is as good; one after another, the
+    rest fitted again."""
     while found.members:
         gone, loose = (asked(search, found, at_floor) for asked in (vanished, _loose))
         gone = gone or (negligible(search, found) if at_floor else [])
         if gone:
             found = search.without(found, gone[0])
-        elif loose:
-            found = search.coarser(found, loose[0])
-        else:
+            continue
+        plainer = [search.coarser(found, c) for c in loose]
+        as_good = [e for e in plainer if e.bic - found.bic < BIC_GAIN]
+        if not as_good:
             break
+        found = as_good[0]
     return found
 
 
@@ -184,7 +189,8 @@ def slight(search: Search, found: Explanation, base: Fit) -> frozenset[Key]:
 def folds_agree(problem: Problem, found: Explanation, steps: dict[int, float], samples: float) -> bool:
     """Whether two halves of the fitted windows give the same coefficients, within their size or two standard errors.
 
-    `samples` is how many samples one independent sample is worth: the standard errors grow with its root.
+    What a half does not show at all agrees. `samples` is how many samples one independent sample is worth: the standard
+    errors grow with its root.
     """
     w = problem.windows
     traces = np.unique(w.trace)
@@ -197,7 +203,7 @@ def folds_agree(problem: Problem, found: Explanation, steps: dict[int, float], s
         ends.append((part, fit(part, found.fit.theta, found.fit.x0[side], found.fit.slots, steps)))
     null, slots = problem.model.null, list(found.fit.slots)
     a, b = (e.theta[slots] - np.where(np.isfinite(null[slots]), null[slots], 0.0) for _, e in ends)
-    variances = [np.maximum(np.diag(e.covariance), 0.0) * max(chi2_dof(part, e), 1.0) for part, e in ends]
+    variances = [_variances(e.covariance) * max(chi2_dof(part, e), 1.0) for part, e in ends]
     spread = np.sqrt(sum(variances) * samples)
     size = np.maximum(np.abs(a), np.abs(b))
     for c in found.members:
@@ -206,6 +212,15 @@ def folds_agree(problem: Problem, found: Explanation, steps: dict[int, float], s
             size[own] = size[own].max(initial=0.0)
     near = np.abs(a - b) <= np.maximum(MOST * size, SURE * spread)
     return bool(np.all(near))
+
+
+def _variances(covariance: Floats) -> Floats:
+    """Of coefficients by a pseudo-inverse (p, p), (p,); infinite for those that have a part in what was not seen."""
+    own = np.maximum(np.diag(covariance), 0.0)
+    size = np.sqrt(np.where(own > 0.0, own, 1.0))
+    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
+    hidden = values <= _RANK * np.abs(values).max(initial=0.0)
+    return np.where(np.sum(vectors[:, hidden] ** 2, axis=1) > _RANK, np.inf, own)
 
 
 def needed(full: Search, found: Explanation, confirm: Problem, with_all: HeldOut) -> bool:
