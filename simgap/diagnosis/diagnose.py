@@ -22,11 +22,16 @@ from simgap.diagnosis.search.scoring import barred
 from simgap.diagnosis.search.watch import Watch, answered
 from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.parts import Parts, parts_of
-from simgap.diagnosis.thresholds import FIT_QUALITY
+from simgap.diagnosis.thresholds import FIT_QUALITY, MATTERS
 from simgap.diagnosis.tiers import Tiers
 from simgap.diagnosis.verdict.faults import filtered_channels
 from simgap.errors import UserError
 from simgap.model.symbolic import SymbolicModel
+
+_UNKNOWN_PAST = (
+    "The first {:.3g} s of each trace are not compared: what was commanded before it, which the record does not hold, "
+    "may still act there. Longer traces lose less."
+)
 
 
 def diagnose(
@@ -138,7 +143,9 @@ def _sought(model: SymbolicModel, record: Record, settings: DiagnosisSettings, w
     search, _, found = ends
     reach, late = parts.known.reach(found.fit.theta), parts.known.ahead(found.fit.theta)
     if late > 0.0 or reach > parts.known.reach(search.problem.model.null):  # commands outside the record are unknown
-        parts = parts.past_the_unknown(reach).changed(lambda p: p.before_the_end(late))
+        whole, parts = parts, parts.past_the_unknown(reach).changed(lambda p: p.before_the_end(late))
+        if parts.known.windows.samples < (1.0 - MATTERS) * whole.known.windows.samples:
+            said = (*said, _UNKNOWN_PAST.format(reach))
         if watch.stopped:
             ends = seek.fitted_again(parts.known, search, found, not_tried)
         else:
