@@ -28,9 +28,8 @@ from simgap.diagnosis.result import (
 )
 from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.equivalence import EXACTLY_COLLINEAR, Rival, as_good, collinear_pairs, once, rivals
-from simgap.diagnosis.search.explanations import Explanation, Search
+from simgap.diagnosis.search.explanations import Explanation, Search, doubted
 from simgap.diagnosis.search.fit import fit
-from simgap.diagnosis.search.scoring import places
 from simgap.diagnosis.simulation.gross_errors import LIMIT
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
@@ -411,12 +410,3 @@ def contested(others: Sequence[Rival], found: Explanation) -> tuple[str, ...]:
     return (
         f"Among the alternatives {named} fits as well (BIC {best.bic - found.bic:+.1f}): these data do not decide.",
     )
-
-
-def doubted(problem: Problem, kept: Explanation) -> tuple[str, ...]:
-    """What is to be said of effects that may be something else wherever the record was."""
-    doubts = [
-        (c, c.effect.doubt(answer.parameter_values(c, kept.fit), places(problem, c.on)))
-        for c in kept.members if c.effect.kind == "coordinate"
-    ]  # fmt: skip
-    return tuple(f"Of {c.effect.phrase(c.on)}: {why}." for c, why in doubts if why)

@@ -126,12 +126,13 @@ class Cogging(CoordinateEffect):
         return tuple(c.name for c in model.coordinates if full_turn(model.units[c.position]) is not None)
 
     def starts(self, scales: Scales) -> tuple[Start, ...]:
-        """Sine and cosine as two linear coefficients, for each number of periods."""
+        """Sine and cosine as two linear coefficients, for each number of periods of which the record meets one."""
 
         def at(n: int) -> Start:
             return Start(2, lambda c: {"A": math.hypot(*c), "n": float(n), "phase": math.atan2(c[1], c[0])})
 
-        return tuple(at(n) for n in range(LEAST_PERIODS, MOST_PERIODS + 1))
+        met = (scales.places[1] - scales.places[0]) / (2.0 * math.pi)  # of a turn; 0 where no place was read
+        return tuple(at(n) for n in range(LEAST_PERIODS, MOST_PERIODS + 1) if not 0.0 < n * met < 1.0)
 
     def force(self, position: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """A sin(n q + phase)."""

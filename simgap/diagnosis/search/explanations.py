@@ -12,7 +12,7 @@ from simgap.arrays import Floats
 from simgap.diagnosis.result import Key
 from simgap.diagnosis.search.confidence import at_noise, misfit
 from simgap.diagnosis.search.fit import Fit, fit
-from simgap.diagnosis.search.scoring import Score, Screen, Starts, best_of_each, score, screen
+from simgap.diagnosis.search.scoring import Score, Screen, Starts, best_of_each, places, score, screen
 from simgap.diagnosis.search.watch import Watch
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import choose_steps, inverted, with_values
@@ -301,3 +301,12 @@ def sound(c: Candidate, found: Fit) -> bool:
     """Whether a fitted effect is physical and not at a limit of what it may be."""
     held = [k for p, k in zip(c.effect.parameters, c.slots, strict=True) if not p.may_vanish]
     return c.effect.physical(c.values(found.theta.tolist())) and not any(k in found.at_limit for k in held)
+
+
+def doubted(problem: Problem, e: Explanation) -> tuple[str, ...]:
+    """What is to be said of effects that may be something else wherever the record was."""
+    doubts = [
+        (c, c.effect.doubt(c.effect.canonical(c.values(e.fit.theta.tolist())), places(problem, c.on)))
+        for c in e.members if c.effect.kind == "coordinate"
+    ]  # fmt: skip
+    return tuple(f"Of {c.effect.phrase(c.on)}: {why}." for c, why in doubts if why)

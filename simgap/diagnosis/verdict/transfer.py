@@ -18,7 +18,7 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.diagnosis.search.confidence import chi2_dof, independent_share
-from simgap.diagnosis.search.explanations import Explanation, Search
+from simgap.diagnosis.search.explanations import Explanation, Search, doubted
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.leaps import widen
 from simgap.diagnosis.simulation.coarse import JUDGED_ROWS, coarse
@@ -71,9 +71,9 @@ def rescaled(search: Search, best: Explanation) -> Search:
 
 
 def _best(search: Search, size: int, most: int) -> list[Explanation]:
-    """The best physical sets of one size by BIC."""
+    """The best physical sets of one size by BIC, those aside that look like something else wherever the record was."""
     same = [e for e in search.tried.values() if e.physical and len(e.members) == size]
-    return sorted(same, key=lambda e: e.bic)[:most]
+    return sorted((e for e in same if not doubted(search.problem, e)), key=lambda e: e.bic)[:most]
 
 
 def _takes_most(search: Search, e: Explanation) -> bool:
