@@ -16,9 +16,10 @@ from simgap.diagnosis.search.selection import by_place, on_all
 from simgap.diagnosis.seek import Searched, looked_again
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
+from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import FIT_QUALITY
 from simgap.diagnosis.verdict.judge import real
-from simgap.diagnosis.verdict.score import Gain
+from simgap.diagnosis.verdict.score import gained
 from simgap.diagnosis.verdict.transfer import Carried, transferable, trials
 
 
@@ -48,8 +49,10 @@ class Chosen:
 
     def predicts_better_than(self, other: Chosen) -> bool:
         """Whether its set surely predicts better than another's, or than the model as declared where that has none."""
-        own, others = (Gain(0.0, 0.0) if c is None else c.gain for c in (self.carried, other.carried))
-        return own.surely_above(others)
+        if self.carried is None:
+            return False
+        than = self.carried.declared if other.carried is None else other.carried.predicted
+        return gained(than, self.carried.predicted).sure
 
     def less(self, kept: Explanation) -> Chosen:
         """The same with some effects of what was chosen alone."""
@@ -57,8 +60,13 @@ class Chosen:
         return replace(self, kept=kept, found=reduce(self.search.without, gone, self.found))
 
 
-def chosen(parts: Parts, ends: Searched, settings: DiagnosisSettings, not_tried: Mapping[Key, str]) -> Chosen:
-    """The set that is put to *confirm*, fitted on every sample of the other folds."""
+def chosen(
+    parts: Parts, ends: Searched, settings: DiagnosisSettings, not_tried: Mapping[Key, str], judged: Problem
+) -> Chosen:
+    """The set that is put to *confirm*, fitted on every sample of the other folds.
+
+    Off the noise floor sets compete by their predictions of the windows of `judged`.
+    """
     known, (search, sparse, found) = parts.known, ends
     full = search if search.problem is known else Search(known, search.starts)
     base = sparse if full is search else fit(known, known.model.null, initial_states(known), [], {})
@@ -68,9 +76,9 @@ def chosen(parts: Parts, ends: Searched, settings: DiagnosisSettings, not_tried:
     if found.members and not at_floor:
         together = math.ceil((settings.horizon_s + 0.5 * parts.window_s) / parts.window_s)
         most = min(settings.max_effects, settings.most_off_floor)
+        held = trials(known, judged, together)
         carried = looked_again(
-            search.watch,
-            lambda: transferable(*ends, trials(known, together), settings.horizon_s, most, settings.max_effects),
+            search.watch, lambda: transferable(*ends, held, settings.horizon_s, most, settings.max_effects)
         )
         agree = carried is not None and carried.agrees
         if carried is not None:

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
+from simgap.diagnosis.choosing import Chosen
 from simgap.diagnosis.confirming import is_borne_out
-from simgap.diagnosis.verdict.score import Errors, Gain, gained
-from simgap.diagnosis.verdict.transfer import density_of_choice, preferred_of
+from simgap.diagnosis.verdict.score import Errors, gained
+from simgap.diagnosis.verdict.transfer import Carried, density_of_choice, preferred_of
 
 
 def _errors(rng: np.random.Generator, scale: float, pushes: np.ndarray, blocks: int = 40, each: int = 25) -> Errors:
@@ -87,18 +88,17 @@ def test_of_a_single_block_nothing_is_sure():
     assert not gained(alone, alone + 9.0).sure
 
 
-@pytest.mark.parametrize(
-    ("own", "other", "above"),
-    [
-        (Gain(1.1, 0.3), Gain(0.2, 0.3), True),
-        (Gain(1.1, 0.8), Gain(0.2, 0.8), False),  # surely above nothing, and not above the other
-        (Gain(0.25, 0.01), Gain(0.2, 0.01), False),  # surely, by a size that does not matter
-        (Gain(1.1, math.inf), Gain(0.0, 0.0), False),
-        (Gain(1.1, 0.3), Gain(0.0, 0.0), True),
-    ],
-)
-def test_gains_on_different_blocks_are_told_apart_by_the_errors_of_both(own, other, above):
-    assert own.surely_above(other) is above
+@pytest.mark.parametrize(("more", "apart", "above"), [(0.3, 0.1, True), (0.3, 2.0, False), (0.05, 0.01, False)])
+def test_two_searches_are_told_apart_on_the_same_blocks(more, apart, above):
+    """What varies from block to block, and is the same for both, makes neither unsure."""
+    rng = np.random.default_rng(91508)
+    declared, common = np.zeros(40), 3.0 * rng.standard_normal(40)
+    one, other = (
+        Carried(None, None, (), True, declared, common + x) for x in (0.0, more + apart * rng.standard_normal(40))
+    )
+    put, robust = (Chosen(*[None] * 6, carried=c, at_floor=False, agree=True, barred={}) for c in (one, other))
+    assert robust.predicts_better_than(put) is above
+    assert not put.predicts_better_than(robust)
 
 
 @pytest.mark.parametrize(

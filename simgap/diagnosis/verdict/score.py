@@ -101,12 +101,7 @@ class Gain:
     @property
     def sure(self) -> bool:
         """Whether it is of a size that matters, and surely above zero."""
-        return self.surely_above(Gain(0.0, 0.0))
-
-    def surely_above(self, other: Gain) -> bool:
-        """Whether it is above another that was not measured on the same blocks, surely and by a size that matters."""
-        more = Gain(self.nats - other.nats, math.hypot(self.half, other.half))
-        return more.matters and more.nats > more.half
+        return self.matters and self.nats > self.half
 
 
 def gained(before: Floats, after: Floats) -> Gain:

@@ -89,17 +89,23 @@ def _plausible(e: Explanation) -> bool:
     return all(1.0 / PLAUSIBLE_RATIO <= abs(r) <= PLAUSIBLE_RATIO for r in ratios)
 
 
-def trials(known: Problem, together: int) -> tuple[Trial, ...]:
-    """Each trace in turn, or stretches of a single one, of `together` windows at least, as a prediction needs."""
-    windows = known.windows
+def trials(known: Problem, judged: Problem, together: int) -> tuple[Trial, ...]:
+    """Each trace in turn, or stretches of a single one, of `together` windows at least, as a prediction needs.
+
+    Sets are fitted to windows of `known`; those of `judged` say where, so that two searches are judged on the same.
+    """
+    windows = judged.windows
     at = np.unique(windows.trace, return_inverse=True)[1]
     if not at.any():
         at = np.arange(len(windows)) // together
     count = min(WIDTH, int(at[-1]) + 1)
     part = np.minimum(at * count // (int(at[-1]) + 1), count - 1)
+    own = part[np.maximum(np.searchsorted(windows.start, known.windows.start, side="right") - 1, 0)]
     rows = JUDGED_ROWS // max(count, 1)
     return tuple(
-        Trial(coarse(known.on(windows.pick(part != k))), coarse(known.on(windows.pick(part == k)), rows, together))
+        Trial(
+            coarse(known.on(known.windows.pick(own != k))), coarse(judged.on(windows.pick(part == k)), rows, together)
+        )
         for k in range(count if count > 1 else 0)
     )
 
