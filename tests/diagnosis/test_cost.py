@@ -36,7 +36,7 @@ def test_a_step_that_was_taken_is_not_simulated_again(monkeypatch):
     monkeypatch.setattr(Problem, "_simulated", counted)
     ends = refits.refit(problem, problem.model.null, x0)
     np.testing.assert_allclose(ends.x0, [[0.9, 1.5]], atol=1e-5)
-    assert len(asked) > 8  # several steps
+    assert len(asked) > 3  # several steps, each with its shifted starts in one pass
     assert len(set(asked)) == len(asked)
 
 

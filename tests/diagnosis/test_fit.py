@@ -18,7 +18,7 @@ def test_a_fit_whose_linear_problems_stay_far_from_the_noise_is_given_up(monkeyp
     x0 = np.array([[0.0, 1.0]])
     problem = replace(problem, y=problem.states(drag, x0), sigma=np.full(2, 1e-6))
     slots = list(compiled.find("spring", "slide").slots)
-    monkeypatch.setattr(fit_module, "_PATIENCE", 3)
+    monkeypatch.setattr(fit_module, "PATIENCE", 3)
     passes = []
     linearise = fit_module.linearise
     monkeypatch.setattr(fit_module, "linearise", lambda *given: passes.append(1) or linearise(*given))
