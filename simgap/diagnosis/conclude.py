@@ -297,8 +297,12 @@ def nearest(
     share = 1.0 - evidence.share if at_floor else evidence.gain.share[0]
     if not found.members or share < MATTERS:
         return None
+    low, high = (100.0 * min(max(end, 0.0), 1.0) for end in evidence.gain.share[1:])
     reasons = (
-        (not evidence.gain.sure, "it does not significantly predict better by a tenth"),
+        (
+            not evidence.gain.sure,
+            f"that share is not sure, its 95 % interval is {low:.0f} to {high:.0f} % (longer data narrow it)",
+        ),
         (
             not evidence.borne_out,
             "the confirming data do not bear it out: a channel is predicted worse there, or none better",

@@ -186,6 +186,8 @@ class Effect(ABC):
     """Whether it refines or resembles effects that are tried first: sought where these leave more than noise."""
     last: ClassVar[bool] = False
     """Whether it is sought in a look of its own, after all others."""
+    by_name: ClassVar[bool] = False
+    """Whether it is sought only where the settings name it."""
     resembles: ClassVar[tuple[str, ...]] = ()
     """Names of effects that may come within the noise of it: it is tried in their place where one was found."""
     one_curve: ClassVar[bool] = False
@@ -221,7 +223,7 @@ class Effect(ABC):
 
     def sought_on(self, model: SymbolicModel) -> tuple[str, ...]:
         """The targets on which a search tries it: all, but for those where it is another effect under a second name."""
-        return self.targets(model)
+        return () if self.by_name else self.targets(model)
 
     @abstractmethod
     def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:

@@ -168,13 +168,10 @@ class ElasticityBehindEncoder(JointElasticity):
     """
 
     name = "elasticity_behind_encoder"
+    by_name = True  # on which side an encoder sits is known
     short = "elasticity of the {on} behind its encoder"
     long = "elasticity of the {on} ({k}) behind the encoder of a motor of {I}"
     formula = "I p'' = u - T, link: T in the place of u, T = k (p - q) + c (p' - v), read: p in the place of q"
-
-    def sought_on(self, model: SymbolicModel) -> tuple[str, ...]:
-        """Where the settings name it: on which side an encoder sits is known."""
-        return ()
 
     def law(self, values: Values) -> Law:
         """k w + c w', seen from the motor."""

@@ -201,6 +201,7 @@ class LuGreFriction(MemoryForceEffect):
     """
 
     name = "lugre_friction"
+    by_name = True  # five numbers beside Dahl's two, for what few records show
     short = "LuGre friction at the {on}"
     long = "LuGre friction of {F_c} at the {on}, {rise:%} more below {v_s}, that turns round over {d}"
     second = True
@@ -225,10 +226,6 @@ class LuGreFriction(MemoryForceEffect):
             may_vanish=True,
         ),
     )
-
-    def sought_on(self, model: SymbolicModel) -> tuple[str, ...]:
-        """Nowhere by itself: five numbers beside Dahl's two, for what few records show."""
-        return ()
 
     def starts(self, scales: Scales) -> tuple[Start, ...]:
         """The level as a linear coefficient, for a few distances and Stribeck speeds."""

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from simgap.diagnosis.record.faults.measurement import FITTED, effect_or_fault
+from simgap.effects import EFFECTS
 from simgap.effects.base import Quoted
 from simgap.notation import from_to, joined, pretty_unit
 
@@ -171,9 +172,10 @@ def _of(document: Document, state: str) -> str:
 
 
 def _unexplained(document: Document) -> str:
+    asked = joined([e.name for e in EFFECTS.values() if e.by_name], "or")
     seek = (
         "a force that was not measured, noise that is correlated over time, a column that is not what the case says, "
-        "or a mechanism outside the library"
+        f"a mechanism outside the library, or one that is sought only where measured.effects names it ({asked})"
     )
     near, over = document.get("nearest"), document.get("left_over")
     if near is not None:
