@@ -24,7 +24,7 @@ import numpy as np
 
 ROOT = Path(__file__).parents[1]
 RESULTS = Path(__file__).parent / "results"
-FIRST_SEED = 1000
+FIRST_SEED = 5000
 # study -> kind, sigma of the angle in rad, velocity measured, share of --records
 STUDIES: dict[str, tuple[str, float, bool, float]] = {
     "one effect": ("one", 1e-3, False, 1.0),
