@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import reduce
 
+from simgap.diagnosis.record.folds import Windows
 from simgap.diagnosis.result import DiagnosisSettings, Key
 from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.equivalence import rivals
@@ -16,7 +17,6 @@ from simgap.diagnosis.search.selection import by_place, on_all
 from simgap.diagnosis.seek import Searched, looked_again
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
-from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import FIT_QUALITY
 from simgap.diagnosis.verdict.judge import real
 from simgap.diagnosis.verdict.score import gained
@@ -61,11 +61,11 @@ class Chosen:
 
 
 def chosen(
-    parts: Parts, ends: Searched, settings: DiagnosisSettings, not_tried: Mapping[Key, str], judged: Problem
+    parts: Parts, ends: Searched, settings: DiagnosisSettings, not_tried: Mapping[Key, str], judged: Windows
 ) -> Chosen:
     """The set that is put to *confirm*, fitted on every sample of the other folds.
 
-    Off the noise floor sets compete by their predictions of the windows of `judged`.
+    Off the noise floor sets compete by their predictions of the windows `judged`.
     """
     known, (search, sparse, found) = parts.known, ends
     full = search if search.problem is known else Search(known, search.starts)

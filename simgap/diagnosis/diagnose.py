@@ -112,9 +112,9 @@ def _concluded(model: SymbolicModel, settings: DiagnosisSettings, sought: _Sough
     watch.over = True
     if watch.stopped:  # what is spent is spent: the answer stands on the samples that it was found on
         parts = replace(parts, known=ends[0].problem)
-    put = chosen(parts, ends, settings, sought.not_tried, parts.known)
+    put = chosen(parts, ends, settings, sought.not_tried, parts.known.windows)
     if sought.robust is not None and not (put.at_floor or watch.stopped):
-        other = chosen(*sought.robust, settings, sought.not_tried, parts.known)
+        other = chosen(*sought.robust, settings, sought.not_tried, parts.known.windows)
         if other.predicts_better_than(put):
             parts, put = sought.robust[0], other
     return conclude(model, sought.record, settings, parts, put, sought.said, (*sought.faults, *sought.filtered))

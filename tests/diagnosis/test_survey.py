@@ -70,7 +70,7 @@ def test_a_velocity_in_the_wrong_unit_or_of_something_else():
 
 def test_excitation_that_says_too_little():
     t, q, v, u = motion(size=0.2)
-    assert any("swings by no more than" in w for w in look(t, q, v, u).warnings)
+    assert any("of its middle" in w for w in look(t, q, v, u).warnings)
     t, q, v, u = motion()
     assert any("input u is constant" in w for w in look(t, q, v, np.full_like(u, 0.7)).warnings)
     one_way = look(t, 3.0 * t + 0.1 * np.sin(t), None, u)

@@ -16,6 +16,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from simgap.arrays import Bools, Floats, Ints
 from simgap.diagnosis.record.record import MIN_SAMPLES, Record, runs
+from simgap.diagnosis.thresholds import FEWEST_WINDOWS
 from simgap.errors import UserError
 
 LOOK_BACK_SAMPLES = 10
@@ -187,7 +188,8 @@ def cut_in_folds(
 ) -> tuple[Windows, Folds, float]:
     """Windows of a record, the folds that they are of, and how long they are (s).
 
-    A record that has too few windows of that length for three folds is cut into windows of half the length, and so on.
+    A record that has too few windows of that length for three folds, or fewer than `FEWEST_WINDOWS` that do not
+    confirm, is cut into windows of half the length, and so on.
 
     Args:
         record: the traces.
@@ -210,9 +212,10 @@ def cut_in_folds(
             share,
             max(1, int(np.ceil(ahead_s / length - 1e-9))),
         )
-        if folds.complete:
+        shortest = windows.samples < 2 * MIN_SAMPLES * len(windows)
+        if folds.complete and (shortest or np.count_nonzero(~folds.confirm) >= FEWEST_WINDOWS):
             return windows, folds, length
-        if windows.samples < 2 * MIN_SAMPLES * len(windows):
+        if shortest:
             raise UserError(
                 f"{record.rows} samples are too few for the three folds fit, choose and confirm",
                 key="measured.held_out",

@@ -175,7 +175,7 @@ def _excitation(record: Record, model: SymbolicModel) -> Iterator[str]:
         if spread <= 1e-9:
             yield (
                 f"input {name} is constant: its gain, bias, delay and dead zone cannot be identified; "
-                f"drive it with a sum of sines over 0.1 to 8 Hz"
+                "change it within the record, as a sum of sines or in steps that the plant has time to answer"
             )
     for c in model.coordinates:
         if c.position in record.measured:
@@ -192,7 +192,7 @@ def _motion(record: Record, model: SymbolicModel, c: Coordinate) -> Iterator[str
         if (a @ b) ** 2 >= (1.0 - SELDOM) ** 2 * (a @ a) * (b @ b):
             swing = max(float(np.ptp(trace.y[:, k])) for trace in record.traces) / 2
             yield (
-                f"{c.position} swings by no more than {swing:.2g} {unit} to a side: a spring, gravity and the mass "
+                f"{c.position} stays within {swing:.2g} {unit} of its middle: a spring, gravity and the mass "
                 f"look alike; swing further"
             )
     forward = np.concatenate([np.diff(_thinned(trace.y[:, k])) for trace in record.traces])

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.diagnosis.record.folds import Windows
 from simgap.diagnosis.search.confidence import chi2_dof, independent_share
 from simgap.diagnosis.search.explanations import Explanation, Search, doubted
 from simgap.diagnosis.search.fit import Fit, fit
@@ -89,12 +90,12 @@ def _plausible(e: Explanation) -> bool:
     return all(1.0 / PLAUSIBLE_RATIO <= abs(r) <= PLAUSIBLE_RATIO for r in ratios)
 
 
-def trials(known: Problem, judged: Problem, together: int) -> tuple[Trial, ...]:
+def trials(known: Problem, windows: Windows, together: int) -> tuple[Trial, ...]:
     """Each trace in turn, or stretches of a single one, of `together` windows at least, as a prediction needs.
 
-    Sets are fitted to windows of `known`; those of `judged` say where, so that two searches are judged on the same.
+    Sets are fitted to the windows of `known` and judged on others of the same record, so that two searches are judged
+    on the same ones.
     """
-    windows = judged.windows
     at = np.unique(windows.trace, return_inverse=True)[1]
     if not at.any():
         at = np.arange(len(windows)) // together
@@ -103,9 +104,7 @@ def trials(known: Problem, judged: Problem, together: int) -> tuple[Trial, ...]:
     own = part[np.maximum(np.searchsorted(windows.start, known.windows.start, side="right") - 1, 0)]
     rows = JUDGED_ROWS // max(count, 1)
     return tuple(
-        Trial(
-            coarse(known.on(known.windows.pick(own != k))), coarse(judged.on(windows.pick(part == k)), rows, together)
-        )
+        Trial(coarse(known.on(known.windows.pick(own != k))), coarse(known.on(windows.pick(part == k)), rows, together))
         for k in range(count if count > 1 else 0)
     )
 
