@@ -9,6 +9,7 @@ from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.record.folds import cut_in_folds, split_folds, split_windows
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
+from simgap.diagnosis.thresholds import FEWEST_WINDOWS
 from simgap.errors import UserError
 from tests.diagnosis.plants import block
 
@@ -63,7 +64,8 @@ def test_a_short_record_is_cut_finer_or_refused():
     assert len(windows) >= 3
     _, folds, length = cut_in_folds(_still(1.0, 6.0), 1.0, ("t1",), 0.25, 0.5)  # one window is left for two folds
     assert folds.complete
-    assert length == 0.5
+    assert length == 0.25
+    assert np.count_nonzero(~folds.confirm) == FEWEST_WINDOWS
     with pytest.raises(UserError, match="too few for the three folds"):
         cut_in_folds(_still(0.1), 0.1, (), 0.25, 0.05)
 
