@@ -64,7 +64,7 @@ class DomainSection(Section):
     X: dict[str, Interval] = Field(
         description="For each state its lower and upper end, in its unit; angles in rad, not degrees."
     )
-    U: dict[str, InputSet] = Field(description="For each input the values that it may take.")
+    U: dict[str, InputSet] = Field(default={}, description="For each input the values that it may take.")
     periodic: tuple[str, ...] = Field(
         (), description="States that wrap around at the ends of X, such as a heading; X is one turn."
     )
