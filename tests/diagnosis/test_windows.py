@@ -159,6 +159,17 @@ def test_a_stop_on_a_finer_step_leaves_the_answer_before_it(monkeypatch):
     assert (after, again) == (parts, ends)
 
 
+def test_an_effect_that_was_named_and_has_no_place_is_said():
+    rng = np.random.default_rng(91509)
+    record = Record(
+        (Trace("run", np.arange(800) * DT, rng.standard_normal((800, 1)), np.zeros((800, 1))),), ("q",), ("u",)
+    )
+    settings = DiagnosisSettings(effects=("viscous_friction", "elasticity_behind_encoder"))
+    _, said = parts_of(on_a_line(lambda q, v, u: 3.0 * u), record, settings)
+    assert [w for w in said if "elasticity_behind_encoder was named and not sought" in w]
+    assert not [w for w in said if "viscous_friction" in w]
+
+
 def test_a_brief_time_is_no_longer_than_a_window():
     rng = np.random.default_rng(91505)
     record = Record(

@@ -83,6 +83,8 @@ _NO_COORDINATES = (
     "alone is modelled, add its position as a state; it need not be measured."
 )
 
+_NO_PLACE = "{} was named and not sought: it has no place in this model, as it needs {}."
+
 
 def parts_of(
     model: SymbolicModel, record: Record, settings: DiagnosisSettings, second: bool = False, last: bool = False
@@ -112,6 +114,8 @@ def parts_of(
     every = settled(every)
     if model.wheels is None and not model.coordinates:
         said = (*said, _NO_COORDINATES)
+    named = [EFFECTS[n] for n in settings.effects if n in EFFECTS]
+    said = (*said, *(_NO_PLACE.format(e.name, e.needs) for e in named if not e.targets(model)))
     known = folds.fit | folds.choose
     fit, choose, confirm = (every.on(windows.pick(mask)) for mask in (folds.fit, folds.choose, folds.confirm))
     parts = Parts(every.on(windows.pick(known)), fit, choose, confirm, length)
