@@ -15,7 +15,8 @@ from simgap.arrays import Floats
 from simgap.diagnosis.record.channels import RawTable, no_time_column
 from simgap.diagnosis.thresholds import A_FEW
 from simgap.errors import UserError, excerpt, placed
-from simgap.io.parquet import checksum_holds, record_of
+from simgap.io.atomic import seal_holds
+from simgap.io.parquet import record_of
 from simgap.io.recordings.mcap_file import MAGIC, mcap_header, read_mcap
 from simgap.io.recordings.text_file import CsvLayout, csv_layout, json_cells, json_table, read_csv_columns
 from simgap.late import pyarrow as pa
@@ -263,7 +264,7 @@ def parquet_header(path: Path, file: str) -> tuple[str, ...]:
     Raises:
         UserError: a file that is damaged or was changed, or two columns of one name.
     """
-    if checksum_holds(reading.read_bytes(path)) is False:  # one that simgap wrote; those of others carry none
+    if seal_holds(reading.read_bytes(path)) is False:  # one that simgap wrote; those of others carry none
         raise UserError(
             "was changed after it was written: its checksum does not fit", file=file, remedy="Make it again."
         )
