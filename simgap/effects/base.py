@@ -196,6 +196,8 @@ class Effect(ABC):
     """Whether it pulls a coordinate back to one place: on an angle that winds on it is tried only if it is named."""
     hides_columns: ClassVar[bool] = False
     """Whether it is so common and so large that a column in a wrong unit may not be seen without it."""
+    dry: ClassVar[bool] = False
+    """Whether it is friction that holds a coordinate at rest, or nearly so."""
     mjcf: ClassVar[MjcfPlace | None] = None
     """Where MuJoCo's format says it, and a URDF as far as that can; None if neither does."""
     passes_a_constant: ClassVar[bool] = True

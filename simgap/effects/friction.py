@@ -43,6 +43,7 @@ class CoulombFriction(CoordinateEffect):
     """Resistance of constant size against the motion; at rest it holds up to the same size."""
 
     name = "coulomb_friction"
+    dry = True
     short = "Coulomb friction at the {on}"
     long = "Coulomb friction of {F_c} at the {on}"
     formula = "F = -F_c sign(v), and any |F| <= F_c that keeps v = 0"
@@ -68,6 +69,7 @@ class StribeckFriction(CoordinateEffect):
     """Dry friction that is larger near rest and falls to the Coulomb level as speed grows."""
 
     name = "stribeck_friction"
+    dry = True
     short = "Stribeck friction at the {on}"
     long = "Stribeck friction at the {on} ({F_s} to break away, {F_c} when sliding)"
     contains = CoulombFriction
@@ -153,6 +155,7 @@ class DahlFriction(MemoryForceEffect):
     """
 
     name = "dahl_friction"
+    dry = True
     short = "Dahl friction at the {on}"
     long = "Dahl friction of {F_c} at the {on} that turns round over {d}"
     second = True
@@ -201,6 +204,7 @@ class LuGreFriction(MemoryForceEffect):
     """
 
     name = "lugre_friction"
+    dry = True
     short = "LuGre friction at the {on}"
     long = "LuGre friction of {F_c} at the {on}, {rise:%} more below {v_s}, that turns round over {d}"
     second = True
@@ -260,6 +264,7 @@ class DirectionalFriction(CoordinateEffect):
     """
 
     name = "directional_friction"
+    dry = True
     long = "directional friction at the {on} ({F_p} forwards, {F_m} backwards)"
     contains = CoulombFriction
     formula = "F = -F_p for v > 0, F_m for v < 0, and any force from -F_p to F_m that keeps v = 0"
