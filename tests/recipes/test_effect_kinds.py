@@ -90,7 +90,7 @@ def added(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("kind", "text", "unit", "null", "on", "state", "rate", "engine"),
     [
-        ("StaticInputEffect", STATIC, "1/{input}^2", 0.0, "torque", "rate", BARE + 3.0 * (0.5 + 0.1 * 0.125), MuJoCoJoints),
+        ("StaticInputEffect", STATIC, "1/{input}^2", 0.0, "torque", "rate", BARE + 1.5375, MuJoCoJoints),
         ("DriveEffect", DRIVE, "s/{position}", 0.0, "torque", "rate", BARE + 3.0 * 0.5 * 0.8, MuJoCoJoints),
         ("DriveTrainEffect", TRAIN, "{force}*s^2/{position}", 0.0, "hinge", "rate", BARE + 3.0 * 0.4, EquationsEngine),
         ("WheelEffect", WHEELS, "1", 1.0, "plant", "px", 0.05, MuJoCoWheeled),
