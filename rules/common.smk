@@ -120,6 +120,15 @@ def code(stage, case=None):
     return made_by
 
 
+def of_stage(stage):
+    """Parameters of every stage of a case: its case file, and hashes of what it reads of it and of the code that it runs."""
+    return {
+        "case": lambda w: case_path(w.case),
+        "reads": reads(stage),
+        "code": code(stage),
+    }
+
+
 def gap_folder(wildcards):
     """Where the bound stands that the controller is made for."""
     return f"results/{wildcards.case}/gap/{own_point(case_of(wildcards))}"

@@ -48,9 +48,7 @@ rule synthesis:
         mem_mb=2000,
         runtime=30,
     params:
-        case=lambda w: case_path(w.case),
-        reads=reads("synthesis"),
-        code=code("synthesis"),
+        **of_stage("synthesis"),
         gap=gap_option,
     message:
         "{wildcards.case}: controller for the {wildcards.kind} model"
@@ -79,9 +77,7 @@ rule validation:
         mem_mb=3000,
         runtime=60,
     params:
-        case=lambda w: case_path(w.case),
-        reads=reads("validation"),
-        code=code("validation"),
+        **of_stage("validation"),
         baseline=lambda w, input: flagged("--baseline", input.baseline),
         trials=lambda w: TRIALS[w.tier],
     message:
@@ -113,11 +109,9 @@ rule audit:
         mem_mb=3000,
         runtime=60,
     params:
-        case=lambda w: case_path(w.case),
+        **of_stage("audit"),
         witness=lambda w: f"results/{w.case}/{w.tier}audit/witness.json",
         trials=lambda w: TRIALS[w.tier],
-        reads=reads("audit"),
-        code=code("audit"),
         shards=lambda w, input: flagged("--rollouts", input.rollouts),
     message:
         "{wildcards.case}: an adversary against bound and controller, {params.trials} trials, {threads} processes"
@@ -151,9 +145,7 @@ rule twin:
         mem_mb=1500,
         runtime=30,
     params:
-        case=lambda w: case_path(w.case),
-        reads=reads("twin"),
-        code=code("twin"),
+        **of_stage("twin"),
         shards=lambda w, input: flagged("--rollouts", input.rollouts),
     message:
         "{wildcards.case}: the simulator held against the engine that it stands for"
@@ -179,9 +171,7 @@ rule trace:
         mem_mb=1000,
         runtime=10,
     params:
-        case=lambda w: case_path(w.case),
-        reads=reads("trace"),
-        code=code("trace"),
+        **of_stage("trace"),
     message:
         "{wildcards.case}: recording of both controllers for Rerun"
     shell:
