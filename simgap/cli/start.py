@@ -29,7 +29,7 @@ class Progress:
         self.done = self.total = 0
 
     def line(self, record: Any) -> str:
-        """What an event says to a person; empty for most."""
+        """Line for the terminal about an event; empty for most."""
         event = getattr(record, "event", None)
         if event == "run_info":
             self.left = Counter(record.stats)

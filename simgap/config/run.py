@@ -192,7 +192,7 @@ class EpsSweep(Section):
 
 
 class WorkflowConfig(Section):
-    """What a run is about."""
+    """Settings of a run: where its files are, and its cases."""
 
     case_folder: str = Field("configs/cases", description="Folder of the case files.")
     rig_folder: str = Field("configs/rigs", description="Folder of the rigs that stand in for hardware.")

@@ -58,7 +58,7 @@ class Damping(Section):
 
 
 class TwinSection(Section):
-    """What a simulator in closed form stands for: both take every step of the run, the differences are printed."""
+    """Engine for which a simulator in closed form stands: both take every step of the run, differences are printed."""
 
     of: Annotated[EngineSection, Plugged("engines", "engine")] = Field(
         description="The engine it stands for, with its keys, as in `simulator`."

@@ -80,7 +80,7 @@ class Declared(Protocol):
 
     @property
     def name(self) -> str:
-        """Of the effect."""
+        """Name of the effect."""
 
     @property
     def parameters(self) -> Mapping[str, float]:

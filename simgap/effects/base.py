@@ -219,7 +219,7 @@ class Effect(ABC):
 
     @abstractmethod
     def targets(self, model: SymbolicModel) -> tuple[str, ...]:
-        """What the effect can act on in this model (its possible `on`)."""
+        """Names on which the effect can act in this model (its possible `on`)."""
 
     def sought_on(self, model: SymbolicModel) -> tuple[str, ...]:
         """The targets on which a search tries it: all, but for those where it is another effect under a second name."""
@@ -284,7 +284,7 @@ class Effect(ABC):
         return f"{self.phrase(on)} ({numbers})" if numbers else self.phrase(on)
 
     def physical(self, values: Mapping[str, float]) -> bool:
-        """Whether the values obey the sign constraints."""
+        """True if the values obey the sign constraints."""
         return all(p.lower <= values[p.symbol] <= p.upper for p in self.parameters)
 
     def check_target(self, model: SymbolicModel, on: str) -> None:

@@ -313,7 +313,7 @@ def _massless(link: ElementTree.Element) -> bool:
 
 
 def _check_inertia(path: Path, link: ElementTree.Element) -> None:
-    """Of a body's principal moments the largest is at most the sum of the others, and so none is negative."""
+    """Refuse moments that no body has: the largest is at most the sum of the others, and so none is negative."""
     inertia = link.find("inertial/inertia")
     if inertia is None:
         return
@@ -328,7 +328,7 @@ def _check_inertia(path: Path, link: ElementTree.Element) -> None:
 
 
 def principal_moments(inertia: ElementTree.Element | None) -> Floats:
-    """Of an `<inertia>`, kg m^2, ascending (3,); zeros for none."""
+    """Principal moments of an `<inertia>`, kg m^2, ascending (3,); zeros for none."""
     ixx, iyy, izz, ixy, ixz, iyz = (
         0.0 if inertia is None else float(inertia.get(name, "0")) for name in NUMBERS["inertia"]
     )

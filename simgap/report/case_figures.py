@@ -161,7 +161,7 @@ def _margins(m: Material) -> Any:
 
 
 def surroundings(context: Context, axes: tuple[int, int] = (0, 1)) -> Callable[[Any], None]:
-    """What draws the specification over two states on axes of matplotlib."""
+    """Function that draws the specification over two states on axes of matplotlib."""
     specification, space = specification_of(context.case), Space.of(context.case)
     return lambda own: specification.draw(own, space, axes, style.SURROUNDINGS)
 

@@ -1,4 +1,4 @@
-"""What the page of a case says: the verdict, tables and the guarantee, as plain data for the template."""
+"""Content of a case's page: the verdict, tables and the guarantee, as plain data for the template."""
 
 from __future__ import annotations
 

@@ -115,7 +115,7 @@ def explained_error(share: tuple[float, float, float] | None) -> dict[str, Any] 
 
 
 def _nearest(n: Nearest | None) -> dict[str, Any] | None:
-    """What comes nearest where nothing is named."""
+    """Set of effects that comes nearest where none is named, as plain data."""
     if n is None:
         return None
     return {"effects": [effect_entry(e) for e in n.effects], "explained_share": n.share, "reasons": n.reasons}
@@ -134,7 +134,7 @@ def _concentrated(c: Concentrated | None) -> dict[str, Any] | None:
 
 
 def _left_over(over: Sequence[LeftOver] | None) -> list[dict[str, Any]] | None:
-    """What would take away a part of the rest."""
+    """Effects that would take away a part of the rest, as plain data."""
     return None if over is None else [effect_entry(o.effect) | {"share": o.share} for o in over]
 
 
@@ -171,7 +171,7 @@ def _fold(stretches: Stretches, reading: Reading) -> dict[str, Any]:
 
 
 def _covers(stretches: Stretches, reading: Reading, trace: str) -> bool:
-    """Whether the stretches of a trace are all of it."""
+    """True if the stretches of a trace are all of it."""
     duration = next(t.duration for t in reading.record.traces if t.name == trace)
     held = sum(b - a for t, a, b in stretches if t == trace)
     return math.isclose(held, duration, rel_tol=0.05)

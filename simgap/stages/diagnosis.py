@@ -205,7 +205,7 @@ def _paths(context: Context, section: MeasuredSection, data: Sequence[Path]) -> 
 
 
 def settings_of(section: MeasuredSection, reading: Reading) -> DiagnosisSettings:
-    """What the case asks of a diagnosis of these recordings."""
+    """Settings that the case asks of a diagnosis of these recordings."""
     return DiagnosisSettings(
         window_s=section.window_s,
         horizon_s=section.horizon_s,

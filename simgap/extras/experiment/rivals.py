@@ -105,7 +105,7 @@ class Bench:
         return problem.states(rival.theta, begin), problem.predict(rival.theta, begin)
 
     def stays(self, x: Floats) -> bool:
-        """Whether states (n, nx) are finite and allowed."""
+        """True if states (n, nx) are finite and allowed."""
         return bool(np.all(np.isfinite(x)) and self.allowed.contains(x).all())
 
     def parts(self, states: Floats, readings: Floats, u: Floats, other: Rival) -> float:
@@ -162,7 +162,7 @@ Explained = Sequence[AppliedEffect]
 
 @dataclass(frozen=True, eq=False)
 class KnownRivals:
-    """What the recordings at hand say.
+    """Explanations that the recordings at hand leave open.
 
     Attributes:
         problem: their windows; rivals: fitted to them, the answer of the diagnosis first.

@@ -142,7 +142,7 @@ def centre_of(joint: FileJoint) -> float:
 
 
 def _interval(urdf: Path, name: str, joint: FileJoint, at: float) -> tuple[float, float]:
-    """Of the position, around `at` or as near to it as the joint goes, with room for a step before its stops.
+    """Interval of the position, around `at` or as near to it as the joint goes, with room for a step before its stops.
 
     Raises:
         UserError: a range that leaves no room.

@@ -114,7 +114,7 @@ def _check_names(path: Path, names: Sequence[str], turning: Sequence[str], asked
 
 
 def _check_loops(path: Path, model: Any, left: Collection[str], whole: bool) -> None:
-    """What couples joints is no tree; where all but some are locked, only what couples those."""
+    """Refuse constraints that couple joints, which no tree has; where all but some are locked, those of these alone."""
     mujoco = mjcf.require_mujoco()
     for k in range(model.neq):
         kind = mujoco.mjtEq(int(model.eq_type[k]))

@@ -209,7 +209,7 @@ def _from_text(column: Any, file: str, name: str) -> Any:
 
 
 def _is_number(text: str) -> bool:
-    """Whether Arrow reads it as one: Python's digits of other scripts and underscores are none."""
+    """True if Arrow reads a text as a number: Python's digits of other scripts and underscores are none."""
     try:
         pc.cast(pa.scalar(text.strip()), pa.float64())
     except pa.ArrowException:
