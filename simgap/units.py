@@ -86,7 +86,7 @@ def require_unit(unit: str, wanted: str, key: str) -> None:
 
 @lru_cache(maxsize=256)
 def conversion(source: str, target: str) -> Affine:
-    """How a number in unit `source` becomes one in unit `target`.
+    """Map by which a number in unit `source` becomes one in unit `target`.
 
     Raises:
         UserError: for a unit that does not exist, two units of different dimensions, or Hz for an angular velocity,
@@ -158,7 +158,7 @@ def dimension_text(own: Any) -> str:
 
 
 def of_base(unit: str) -> float:
-    """How many units of the SI base, of the same kind, one is: 0.001 for g, 1 for N*m.
+    """Size of a unit in units of the SI base: 0.001 for g, 1 for N*m.
 
     Raises:
         UserError: a unit that does not exist.

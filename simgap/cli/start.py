@@ -22,7 +22,7 @@ JOBS = {"rollouts": 2, "synthesis": 2}
 
 
 class Progress:
-    """Where a run is, from the events that Snakemake logs and the costs that `check` estimates (CPU s)."""
+    """Progress of a run, from the events that Snakemake logs and the costs that `check` estimates (CPU s)."""
 
     def __init__(self) -> None:
         self.left, self.rules, self.costs = Counter[str](), dict[int, str](), dict[str, float]()

@@ -182,7 +182,7 @@ def snakemake(
 
 
 def _locked() -> str:
-    """Who holds the folder, as far as it can be told, and what to do."""
+    """Sentence on who holds the folder, as far as it can be told, and what to do."""
     others = runs_in(Path())
     named = f"running here: {'; '.join(map(str, others))}" if others else "no live run on this machine"
     alive = any(run.alive for run in others)

@@ -164,7 +164,7 @@ class RemainderWithin(Section):
 
 
 class GapSection(Section):
-    """How the gap d = simulator - nominal is bounded on all of X x U, and how the bound is checked."""
+    """Bound of the gap d = simulator - nominal on all of X x U, and its check."""
 
     OPTIONAL: ClassVar[tuple[str, ...]] = ("remainder_within",)
 

@@ -34,7 +34,7 @@ class Excitation(Section):
 
 
 class Rig(Section):
-    """Which case's simulator stands in for hardware, how it is moved and what is measured."""
+    """Experiment: whose simulator stands in for hardware, how it is moved and what is measured."""
 
     case: str = Field(description="Case file whose simulator is the rig, relative to this file.")
     substeps: int | None = Field(
@@ -73,7 +73,7 @@ def load_rig(path: Path) -> Rig:
 MARK = "--"
 """Between the name of a sweep and that of a point."""
 NAME = re.compile(r"[a-z][a-z0-9_]*(-[a-z0-9_]+)*")
-"""Of a sweep, as the workflow takes it (rules/sweep.smk): a doubled hyphen stands between sweep and point."""
+"""Name of a sweep, as the workflow takes it (rules/sweep.smk): a doubled hyphen stands between sweep and point."""
 MOST_POINTS = 1000
 
 

@@ -29,7 +29,7 @@ class EngineSection(Section):
     OPTIONAL: ClassVar[tuple[str, ...]] = ("timeout",)
 
     def between_poses(self, tau: float, gravity: float) -> float:
-        """How far (m) a robot may stray from the straight line between two poses that the engine records within tau.
+        """Distance, m, by which a robot may stray from the line between two poses that the engine records within tau.
 
         Args:
             tau: sampling time, s.

@@ -173,7 +173,7 @@ class ElasticityBehindEncoder(JointElasticity):
     formula = "I p'' = u - T, link: T in the place of u, T = k (p - q) + c (p' - v), read: p in the place of q"
 
     def sought_on(self, model: SymbolicModel) -> tuple[str, ...]:
-        """Where the settings name it: on which side an encoder sits is known."""
+        """Nowhere, unless the settings name it: on which side an encoder sits is known."""
         return ()
 
     def law(self, values: Values) -> Law:

@@ -33,7 +33,7 @@ _passed = itertools.count(1)
 _SEAL = b"sha256:"
 _ZEROS = "0" * 64
 SEAL = _SEAL.decode() + _ZEROS
-"""What a writer leaves in a file for its checksum."""
+"""Text that a writer leaves in a file for its checksum."""
 
 
 @contextmanager
@@ -64,7 +64,7 @@ def atomic(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def sealed(path: Path) -> Iterator[Path]:
-    """As `atomic`; the last `SEAL` in the file becomes its checksum when the block ends."""
+    """A temporary neighbour, as `atomic`; the last `SEAL` in it becomes its checksum when the block ends."""
     with atomic(path) as temporary:
         yield temporary
         data = reading.read_bytes(temporary)

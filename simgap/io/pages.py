@@ -19,7 +19,7 @@ _PACKAGED, _CHECKOUT = (reading.real(Path(__file__)).parents[k] / n for k, n in 
 
 
 def folder() -> Path:
-    """Where the templates are."""
+    """Folder of the templates."""
     return _PACKAGED if _PACKAGED.is_dir() else _CHECKOUT
 
 

@@ -296,7 +296,7 @@ def _power(expr: sp.Pow, known: Mapping[str, Any]) -> Any:
 
 
 ROUND, LEAST, LARGE = 5.0, 10.0, 100.0
-"""Of what both ends of an angle are multiples when they are degrees, from which size on that says something (a turn and
+"""Number of which both ends of an angle are multiples if in degrees, from which size that says something (a turn and
 a half in rad), and the size beyond which any number is said. Judgement; an angle may wind: it is said, not refused."""
 BEYOND = 3.0
 """How many times an end of X is its joint's limit, beyond which a unit is wrong, if degrees would fit. Judgement."""

@@ -45,7 +45,7 @@ _FORMATS = {
 }
 _UNIT = 1e-3  # from length 1, of an axis that is rounded to three decimals
 _ROUNDING = 16.0 * float(np.finfo(np.float64).eps)
-"""What Drake takes for rounding of a moment of inertia, kg m^2, or of the largest if that is more (measured)."""
+"""Excess of a moment of inertia that Drake takes for rounding, kg m^2, or of the largest if that is more (measured)."""
 
 
 def check_urdf(path: Path) -> None:

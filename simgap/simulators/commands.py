@@ -99,15 +99,15 @@ class CommandMemory:
 
     @property
     def depth(self) -> int:
-        """How many earlier commands can still matter."""
+        """Number of earlier commands that can still matter."""
         return math.ceil(self.path.delay / self.tau * (1.0 - 1e-12))
 
     def rest(self, command: float) -> None:
-        """As if this had been commanded for ever."""
+        """Remember this as commanded for ever."""
         self.past, self.output = [command] * self.depth, self.path.static(command)
 
     def hold(self, which: int) -> None:
-        """As if the least (0) or the largest (1) that the plant can feel had been commanded for ever."""
+        """Remember the least (0) or the largest (1) that the plant can feel as commanded for ever."""
         reached = [self.path.static(v) for v in self.path.values]
         self.rest(self.path.values[int(np.argmax(reached) if which else np.argmin(reached))])
 

@@ -54,7 +54,7 @@ class JointPlant:
 
 
 def joint_plant(case: Case, folder: Path) -> JointPlant:
-    """Where the states and inputs of a case of joints stand.
+    """Joints of a case, and where its states and inputs stand.
 
     Raises:
         UserError: if the case has no model file for the engine, or no domain.

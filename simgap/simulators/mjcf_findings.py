@@ -116,7 +116,7 @@ def findings(case: Case, folder: Path) -> list[Finding]:
 
 
 def switches(case: Case, folder: Path) -> tuple[sp.Expr, ...]:
-    """Where the file's stops and dry friction switch, as expressions that are 0 there.
+    """Surfaces where the file's stops and dry friction switch, as expressions that are 0 there.
 
     Raises:
         UserError: what `mjcf.check_mjcf` refuses.

@@ -303,7 +303,7 @@ def _shared(
 
 
 def _known(context: Context, bound: SavedGap, inputs: AuditFiles) -> tuple[Any, ...]:
-    """Where searches over the gap begin."""
+    """Steps or histories from which searches over the gap begin."""
     hidden = context.case.hidden_state
     tables = [read_samples(context, path, "rollouts", "borders") for path in inputs.rollouts]
     tables.append(read_samples(context, inputs.fresh, "fresh"))

@@ -39,7 +39,7 @@ _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?")
 
 @dataclass(frozen=True)
 class CsvLayout:
-    """How a CSV file is written: lines above the first row of data, delimiter, decimal sign, column names."""
+    """Layout of a CSV file: lines above the first row of data, delimiter, decimal sign, column names."""
 
     skip: int
     delimiter: str
