@@ -158,7 +158,7 @@ def xml_of(data: bytes, path: Path) -> ElementTree.Element:
 
 
 def _tree(data: bytes) -> ElementTree.Element:
-    """The root as engines read it: a prefix is part of a name, declared or not; blanks before, no zeros behind."""
+    """The root as engines read it: a prefix is part of a name, declared or not; blanks before, zeros behind are cut."""
     built, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
     parser.buffer_text = True
     parser.StartElementHandler, parser.EndElementHandler = built.start, built.end

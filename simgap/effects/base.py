@@ -411,6 +411,10 @@ class CoordinateEffect(CoordinateTarget):
         c = model.coordinate(on)
         return model.with_force(on, self.force(symbol(c.position), symbol(c.velocity), values))
 
+    def surfaces(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> tuple[sp.Expr, ...]:
+        """Rest, where dry friction turns round; none of another force."""
+        return (symbol(model.coordinate(on).velocity),) if self.dry else ()
+
 
 class MemoryForceEffect(CoordinateTarget):
     """A force on a coordinate that depends on how it came where it is: a state z beside the plant's own.

@@ -57,10 +57,6 @@ class CoulombFriction(CoordinateEffect):
         """-F_c sign(v)."""
         return -values["F_c"] * sp.sign(velocity)
 
-    def surfaces(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> tuple[sp.Expr, ...]:
-        """Rest, where the force turns round."""
-        return (symbol(model.coordinate(on).velocity),)
-
 
 _FLANK = (0.25, 0.5, 1.0, 2.0)  # shares of the Stribeck speed between which the peak falls by exp(-4)
 
@@ -301,7 +297,3 @@ class DirectionalFriction(CoordinateEffect):
         if abs(push) > level:
             return None
         return frozenset({i, j}), {"F_p": level - push, "F_m": level + push}
-
-    def surfaces(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> tuple[sp.Expr, ...]:
-        """Rest, where the force turns round."""
-        return (symbol(model.coordinate(on).velocity),)
