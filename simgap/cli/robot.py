@@ -32,9 +32,7 @@ if TYPE_CHECKING:
 TUTORIAL = ("rod.yaml", "rod.urdf", "machine.urdf", "swings.csv")
 
 
-def tutorial(
-    out: Annotated[Path, typer.Option(help="Folder for the files.", callback=new_folder)] = Path(),
-) -> None:
+def tutorial(out: Annotated[Path, typer.Option(help="Folder for the files.", callback=new_folder)] = Path()) -> None:
     """Copy the files of the tutorial here: a case, two URDFs of a rod, and a recording."""
     from simgap.io.atomic import atomic
 

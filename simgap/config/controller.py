@@ -87,9 +87,7 @@ class AuditSection(Section):
     """Budget of the adversary."""
 
     evaluations: int | None = Field(
-        None,
-        ge=1,
-        description=f"Steps of the simulator on which the gap's bound is attacked; {_unless_given(0)}",
+        None, ge=1, description=f"Steps of the simulator on which the gap's bound is attacked; {_unless_given(0)}"
     )
     steps: int | None = Field(
         None,

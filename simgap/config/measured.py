@@ -257,8 +257,7 @@ class MeasuredSection(Section):
         "file): parameter -> its column.",
     )
     payloads: tuple[PayloadSection, ...] = Field(
-        default=(),
-        description="Weights that were mounted on a link of an arm of three joints or more in some files.",
+        default=(), description="Weights that were mounted on a link of an arm of three joints or more in some files."
     )
     held_out: HeldOut = Field(default_factory=HeldOut, description="The data that are kept for judging.")
     window_s: float = Field(

@@ -91,8 +91,7 @@ class Sweep(Section):
         default_factory=dict, description="Values by dotted key of the case, such as gap.basis or synthesis.cells."
     )
     points: tuple[dict[str, Any], ...] = Field(
-        (),
-        description="mode list: for each point its values by dotted key; other keys stay as they are.",
+        (), description="mode list: for each point its values by dotted key; other keys stay as they are."
     )
 
 

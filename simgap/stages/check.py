@@ -74,10 +74,7 @@ class Checked:
 
 
 def run(
-    case_path: Path,
-    out: Path | None = None,
-    engine_log: Path | None = None,
-    tell: Callable[[str], None] | None = None,
+    case_path: Path, out: Path | None = None, engine_log: Path | None = None, tell: Callable[[str], None] | None = None
 ) -> Checked:
     """Check a case, and write what was found to `out` (JSON) if given; `tell` hears what is being done.
 

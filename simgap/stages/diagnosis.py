@@ -86,10 +86,7 @@ PAGE, RECORDING, MODEL = "report.html", "residual.rrd", "corrected.urdf"
 
 
 def run(
-    case_path: Path,
-    data: Sequence[Path],
-    out_dir: Path,
-    progress: Callable[[str], None] | None = None,
+    case_path: Path, data: Sequence[Path], out_dir: Path, progress: Callable[[str], None] | None = None
 ) -> dict[str, Any]:
     """Diagnose recordings and write `diagnosis.json`, `report.html`, `corrected_case.yaml`, `residual.rrd`, pictures,
     `transitions.parquet`.

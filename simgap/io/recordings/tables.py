@@ -226,9 +226,7 @@ def _no_nulls(column: Any, file: str, name: str) -> None:
 def _bad_cell(file: str, name: str, row: int, cell: str) -> UserError:
     what = f"'{cell[:40]}' is not a finite number" if cell else "the cell is empty or not a number"
     return UserError(
-        f"row {row + 1}, {name}: {what}",
-        file=file,
-        remedy="Remove the row, or empty the cell if it is no stamp.",
+        f"row {row + 1}, {name}: {what}", file=file, remedy="Remove the row, or empty the cell if it is no stamp."
     )
 
 
