@@ -202,7 +202,7 @@ def _size(
     own: NominalModel, posture: Posture, gains: Floats, axes: list[tuple[str, str]], names: tuple[str, ...], tau: float,
     cells: int,
 ) -> float:  # fmt: skip
-    """Size of the inputs, times the root of their gain, with which X is as wide as it may be."""
+    """Of the inputs, times the root of their gain, with which X is as wide as it may be."""
     one, _ = _half(own, posture, 1e-3 / np.sqrt(gains), axes, names, {}, tau, cells)
     widest = max(one[names.index(q)] for q, _ in axes)
     return 1e-3 * FARTHEST / widest

@@ -295,7 +295,7 @@ def _answers(
     limits: Mapping[str, float], room: Mapping[str, tuple[float, float]], rubs: Mapping[str, float] | None,
     tell: Callable[[str], None],
 ) -> Iterator[Proposal | UserError]:  # fmt: skip
-    """Answers of `propose` where it has no more time: one after the other, each better than those before."""
+    """What `propose` answers where it has no more time: one answer after the other, each better than those before."""
     posture = posture_of(model, at)
     check_moved(model, posture)
     if is_driven(model):
@@ -344,7 +344,7 @@ def _too_few(search: Search, tried: Sequence[Tried], why: str) -> UserError:
 def _held(
     search: Search, tried: list[Tried], share: float, rounds: Sequence[tuple[int, ...]], tell: Callable[[str], None]
 ) -> Iterator[Tried]:
-    """The first try that wins against a gap too; none after it.
+    """What wins against a gap too, and then no more.
 
     Where joints rub there are more cells along their speeds, and inputs one size larger are tried as well; dry friction
     asks for more cells than the model alone, and the finest are the better answer before any win.

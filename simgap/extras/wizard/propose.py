@@ -43,7 +43,7 @@ class Numbers:
 
     @property
     def small(self) -> str:
-        """Sentence on an X that is much smaller than sought; empty for another."""
+        """What to know of an X that is much smaller than sought, in a sentence, or nothing."""
         part = self.proposal.part
         if part >= SMALL:
             return ""
@@ -54,7 +54,7 @@ class Numbers:
 
     @property
     def doubtful(self) -> str:
-        """Sentence for a search that found nothing that wins beside dry friction; empty for another."""
+        """What to know where the search found nothing that wins beside dry friction, in a sentence, or nothing."""
         if not self.blocks or self.proposal.target is not None or self.proposal.rubs:
             return ""
         return (
@@ -64,7 +64,7 @@ class Numbers:
 
     @property
     def wins(self) -> str:
-        """Clause on the share of X that was won in the search."""
+        """What was won in the search, as a clause."""
         won = f"wins {self.proposal.wins:.2g} of X"
         against, coarser = self.proposal.against, " on coarser cells" if self.proposal.target is not None else ""
         if not against:
