@@ -133,8 +133,8 @@ def _read(path: Path) -> WorkflowRun | None:
                 alive = True
             read = json.loads(stream.read(1 << 16))
         cases, process = [str(name) for name in read["cases"]], int(read["process"])
-        words = (str(read[key]) for key in ("machine", "since", "command", "temporary"))
-        return WorkflowRun(cases, process, *words, alive)
+        machine, since, command, temporary = (str(read[key]) for key in ("machine", "since", "command", "temporary"))
+        return WorkflowRun(cases, process, machine, since, command, temporary, alive)
     except (OSError, ValueError, KeyError, TypeError):
         return None
 
