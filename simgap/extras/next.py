@@ -134,7 +134,7 @@ def lengths_in_words(advice: Advice) -> str:
 
 
 def _seconds(advice: Advice) -> tuple[str, str]:
-    """How long the proposed recording is, and the longest that was tried."""
+    """Length of the proposed recording, and of the longest that was tried."""
     t, whole = advice.bench.t, (advice.longest or advice.proposal).best
     assert whole is not None
     return f"{t[-1] - t[0]:.3g} s", f"{(t[1] - t[0]) * (len(whole.u) - 1):.3g} s"

@@ -48,7 +48,7 @@ def embedded(data: bytes) -> str:
 
 
 def shown_on_the_index(made: Mapping[str, Any], states: int) -> str:
-    """Which figure stands for a case: where the controllers win, or the runs where that takes slices."""
+    """Figure that stands for a case: where the controllers win, or the runs where that takes slices."""
     return "domains" if states == 2 and made.get("domains") is not None else "trajectories"
 
 

@@ -85,7 +85,7 @@ def document(
 
 
 def _judgement(found: Diagnosis) -> dict[str, Any]:
-    """How far the answer goes: shares, what is left, what cannot be told apart."""
+    """Judgement on how far the answer goes: shares, what is left, what cannot be told apart."""
     return {
         "explained_share": 1.0 - found.excess_share,
         "explained_error": explained_error(found.explained_error),
@@ -122,7 +122,7 @@ def _nearest(n: Nearest | None) -> dict[str, Any] | None:
 
 
 def _concentrated(c: Concentrated | None) -> dict[str, Any] | None:
-    """Where the error is."""
+    """Stretches in which the error is, as plain data."""
     if c is None:
         return None
     return {
@@ -162,7 +162,7 @@ def _error(j: Judged) -> dict[str, Any]:
 
 
 def _fold(stretches: Stretches, reading: Reading) -> dict[str, Any]:
-    """Which traces, or which windows of them, a fold is made of."""
+    """Traces, or windows of them, of which a fold is made."""
     whole = {t for t, _, _ in stretches if _covers(stretches, reading, t)}
     return {
         "traces": [t.name for t in reading.record.traces if t.name in whole],

@@ -34,7 +34,7 @@ PREFIX = "simgap-fmu-"
 REAL = ("Real", "Float64")
 DESCRIPTION = "modelDescription.xml"
 MOST_PARTS, MOST_UNPACKED = 10_000, 2_000_000_000
-"""Of an archive: files, and bytes of them unpacked. Judgement: FMUs of whole vehicles have hundreds of MB."""
+"""Most files of an archive, and bytes of them unpacked. Judgement: FMUs of whole vehicles have hundreds of MB."""
 
 
 def _place() -> tuple[Path, int]:

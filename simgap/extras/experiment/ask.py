@@ -96,7 +96,7 @@ def shortest(whole: int, counts: Iterator[int], at: Callable[[int], T | None]) -
 
 
 FACTOR = 1.5
-"""What a number of the plant is set to, over its declared value. Judgement: far enough to show."""
+"""Value to which a number of the plant is set, over its declared one. Judgement: far enough to show."""
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ class Question:
         return known_rivals(self.model, self.record, self.settings, self.sets, self.noise)
 
     def bench(self, known: KnownRivals, held: tuple[float, ...], count: int | None = None) -> Bench:
-        """Where the next recording is made under these conditions, with so many samples (all of t if not given)."""
+        """Bench of the next recording under these conditions, with so many samples (all of t if not given)."""
         problem, t = known.problem, self.t[:count]
         windows, tells = windows_to_come(self.record, self.settings, t)
         names, readings = self.record.measured, worth(self.record)

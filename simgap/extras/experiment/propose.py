@@ -34,7 +34,7 @@ from simgap.signals import multisine
 from simgap.statistics import norm
 
 _UNSEEN = 1e-10
-"""What is at hand cannot see an effect of which it leaves a smaller share."""
+"""Share that the data at hand leave of an effect, below which they cannot see it."""
 _ROUNDS = 3  # what was fitted to every sample is near its end on block means
 SIZES = norm.ppf(0.5 + 0.5 * (np.arange(8) + 0.5) / 8)
 """Sizes of a hidden effect, in standard errors of what is at hand: middles of eight equally likely ones."""
@@ -301,7 +301,7 @@ def _fitting(bench: Bench, rivals: Sequence[Rival], wave: Wave, beside: Beside |
 
 
 def tried(bench: Bench, rivals: Sequence[Rival], wave: Wave, beside: Beside | None = None) -> Try | None:
-    """How far an input parts the rivals; None if one of them leaves the range of the plant."""
+    """Try of an input: how far it parts the rivals; None if one of them leaves the range of the plant."""
     u = bench.input(wave.u)
     moved: list[tuple[Floats, Floats]] = []
     for r in rivals:

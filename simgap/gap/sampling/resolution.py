@@ -18,7 +18,7 @@ from simgap.arrays import Floats
 from simgap.geometry import Box
 
 POINTS, LINES = 192, 64
-"""Of a line, and lines along each axis at random places. Judgement: 12,000 roll-outs an axis, a few seconds."""
+"""Points of a line, and lines along each axis at random places. Judgement: 12,000 roll-outs an axis, a few seconds."""
 COUNTS = (4, 6, 8, 12, 16, 24, 32, 48, 96)
 """Cells along an axis that are weighed: each has an even number of points; four are the fewest that a slope takes."""
 

@@ -54,7 +54,7 @@ def trajectories_figure(
 
 
 def first_seconds(shown: Mapping[str, Trace]) -> float:
-    """How much of the runs is shown enlarged: enough to see the shortest one end, s."""
+    """Length of the runs that is shown enlarged, s: enough to see the shortest one end."""
     durations = [t.duration for t in shown.values()]
     return max(0.05 * max(durations), min(max(durations), 6.0 * min(durations)))
 
