@@ -225,7 +225,7 @@ class _Function:
         return np.broadcast_to(np.asarray(value, dtype=float), len(x))
 
     def roots(self, domain: GapDomain, lines: Floats, j: int) -> tuple[Ints, Floats, Ints]:
-        """Places where lines (L, nx) along axis j meet the surface: which line, the coordinate, which branch; (k,) each.
+        """Places where lines (L, nx) along axis j meet the surface: number of line, coordinate, branch; (k,) each.
 
         Roots of neighbouring lines that come as the same one of the same input are of one branch.
         """
