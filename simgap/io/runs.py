@@ -83,7 +83,7 @@ def announce(
     own = WorkflowRun(list(cases), os.getpid(), platform.node(), began, command, str(temporary or ""))
     with suppress(OSError):  # a folder that takes no file or no lock: Snakemake says what is wrong with it
         (folder / RUNS).mkdir(parents=True, exist_ok=True)
-        one_at_a_time = os.open(folder / RUNS, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+        one_at_a_time = os.open(folder / RUNS / "lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
         try:
             fcntl.flock(one_at_a_time, fcntl.LOCK_EX)
             tidied = _tidy(folder)

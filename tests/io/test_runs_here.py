@@ -45,7 +45,7 @@ def test_a_run_is_known_while_it_lives_and_forgotten_when_it_was_killed(tmp_path
     other.wait()
     assert runs_in(tmp_path) == []
     announce(tmp_path, ["rod"], "x")
-    assert [path.name for path in (tmp_path / RUNS).iterdir()] == [f"{host()}-{os.getpid()}.json"]
+    assert [path.name for path in (tmp_path / RUNS).glob("*.json")] == [f"{host()}-{os.getpid()}.json"]
 
 
 def test_the_same_case_is_refused_and_another_is_not(tmp_path, other, monkeypatch):
