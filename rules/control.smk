@@ -25,9 +25,8 @@ def baseline_file(name):
 def known_samples(wildcards):
     """The samples that the case's own bound was made of: roll-outs and borders."""
     case, point = case_of(wildcards), own_point(case_of(wildcards))
-    folder = f"results/{simulated(wildcards.case)}/rollouts/{point}"
     borders = f"results/{bordered(wildcards.case)}/borders/{point}/samples.parquet"
-    shards = [f"{folder}/shard-{k}.parquet" for k in range(shard_count(case))]
+    shards = shard_files(simulated(wildcards.case), wildcards, point)
     return shards if remembers(case) else [*shards, borders]
 
 
@@ -123,10 +122,7 @@ rule audit:
 
 def own_shards(wildcards):
     """Roll-outs on the grid that the case's own bound was made from."""
-    folder = f"results/{wildcards.case}/rollouts/{own_point(case_of(wildcards))}"
-    return [
-        f"{folder}/shard-{k}.parquet" for k in range(shard_count(case_of(wildcards)))
-    ]
+    return shard_files(wildcards.case, wildcards, own_point(case_of(wildcards)))
 
 
 rule twin:

@@ -12,10 +12,14 @@ def grid_files(wildcards):
     return multiext(f"{grid_folder(wildcards)}/", "states.parquet", "inputs.parquet")
 
 
-def shards(wildcards):
-    folder = f"results/{simulated(wildcards.case)}/rollouts/{wildcards.point}"
+def shard_files(of, wildcards, point):
+    """Roll-outs on the grid of a point, made of the case that is named `of`."""
     count = shard_count(case_of(wildcards))
-    return [f"{folder}/shard-{shard}.parquet" for shard in range(count)]
+    return [f"results/{of}/rollouts/{point}/shard-{k}.parquet" for k in range(count)]
+
+
+def shards(wildcards):
+    return shard_files(simulated(wildcards.case), wildcards, wildcards.point)
 
 
 # What a person would want to know before anything runs. It goes first, and its failure ends the run; nothing depends on it,
