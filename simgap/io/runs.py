@@ -19,7 +19,7 @@ import threading
 import time
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from tempfile import gettempdir
 
@@ -124,6 +124,8 @@ def _records(folder: Path) -> dict[Path, WorkflowRun | None]:
 
 def _read(path: Path) -> WorkflowRun | None:
     """The run of a file; None of a file that is none (a stranger may have written it)."""
+    from pydantic import TypeAdapter
+
     try:
         with reading.opened_text(path) as stream:
             alive = None if not path.name.startswith(f"{host()}-") else False
@@ -131,11 +133,8 @@ def _read(path: Path) -> WorkflowRun | None:
                 fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
             except BlockingIOError:
                 alive = True
-            read = json.loads(stream.read(1 << 16))
-        cases, process = [str(name) for name in read["cases"]], int(read["process"])
-        machine, since, command, temporary = (str(read[key]) for key in ("machine", "since", "command", "temporary"))
-        return WorkflowRun(cases, process, machine, since, command, temporary, alive)
-    except (OSError, ValueError, KeyError, TypeError):
+            return replace(TypeAdapter(WorkflowRun).validate_json(stream.read(1 << 16)), alive=alive)
+    except (OSError, ValueError):
         return None
 
 
