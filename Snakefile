@@ -30,6 +30,7 @@ include: "rules/samples.smk"
 include: "rules/gap.smk"
 include: "rules/control.smk"
 include: "rules/diagnosis.smk"
+include: "rules/results.smk"
 include: "rules/report.smk"
 include: "rules/sweep.smk"
 include: "rules/paper.smk"
@@ -38,7 +39,7 @@ include: "rules/paper.smk"
 # Of all that is written around an error its reason is the last that a person reads, and it has a page.
 onerror:
     import atexit
-    from simgap.cli.endings import failures, write_failed
+    from simgap.cli.workflow import failures, write_failed
 
     failed = failures([Path(path) for path in log])
     words = {f"results/{n}": case.no_controller for n, case in LOADED.items()}

@@ -25,7 +25,7 @@ from simgap.gap.sampling.points import (
     shard_count,
 )
 from simgap.io.atomic import host, no_links_below
-from simgap.io.runs import LINKED, RUN, announce, follow_the_run, join
+from simgap.io.runs import LINKED, RUN, announce, follow_the_run
 from simgap.provenance import (
     code_digest,
     digest,
@@ -69,10 +69,6 @@ if workflow.is_main_process:
     except SimgapError as error:
         told(error)
 
-# A run that was killed leaves Snakemake's locks: they go where no run is alive that could hold them.
-if workflow.is_main_process and join(Path(), workflow.snakemake_tmp_dir):
-    sys.stderr.write("simgap: removed the locks of a run that was killed\n")
-
 # The kernels of a version are compiled where a job first needs them, and kept: that is said before it is waited for.
 kernels = machine_code()
 if workflow.is_main_process and kernels is not None and not kernels.is_dir():
@@ -81,8 +77,13 @@ if workflow.is_main_process and kernels is not None and not kernels.is_dir():
     )
 
 # Runs of other cases may be at work here. What they and this one would both write, the page of all cases, is then written
-# when this run has ended well (rules/report.smk), and Snakemake has no reason to refuse it.
-RUNNING = announce(Path(), CASES, COMMAND) if workflow.is_main_process else []
+# when this run has ended well (rules/report.smk), and Snakemake has no reason to refuse it. A run that was killed leaves
+# Snakemake's locks: they go where no run is alive that could hold them.
+RUNNING = []
+if workflow.is_main_process:
+    RUNNING, tidied = announce(Path(), CASES, COMMAND, workflow.snakemake_tmp_dir)
+    if tidied:
+        sys.stderr.write("simgap: removed the locks of a run that was killed\n")
 for other in RUNNING:
     sys.stderr.write(f"simgap: also at work in this folder: {other}\n")
 
@@ -117,6 +118,15 @@ def code(stage, case=None):
         return digest([code_digest(stage, *of), versions(stage, *of)])
 
     return made_by
+
+
+def of_stage(stage):
+    """Parameters of every stage of a case: its case file, and hashes of what it reads of it and of the code that it runs."""
+    return {
+        "case": lambda w: case_path(w.case),
+        "reads": reads(stage),
+        "code": code(stage),
+    }
 
 
 def gap_folder(wildcards):

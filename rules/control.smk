@@ -25,9 +25,8 @@ def baseline_file(name):
 def known_samples(wildcards):
     """The samples that the case's own bound was made of: roll-outs and borders."""
     case, point = case_of(wildcards), own_point(case_of(wildcards))
-    folder = f"results/{simulated(wildcards.case)}/rollouts/{point}"
     borders = f"results/{bordered(wildcards.case)}/borders/{point}/samples.parquet"
-    shards = [f"{folder}/shard-{k}.parquet" for k in range(shard_count(case))]
+    shards = shard_files(simulated(wildcards.case), wildcards, point)
     return shards if remembers(case) else [*shards, borders]
 
 
@@ -48,9 +47,7 @@ rule synthesis:
         mem_mb=2000,
         runtime=30,
     params:
-        case=lambda w: case_path(w.case),
-        reads=reads("synthesis"),
-        code=code("synthesis"),
+        **of_stage("synthesis"),
         gap=gap_option,
     message:
         "{wildcards.case}: controller for the {wildcards.kind} model"
@@ -79,9 +76,7 @@ rule validation:
         mem_mb=3000,
         runtime=60,
     params:
-        case=lambda w: case_path(w.case),
-        reads=reads("validation"),
-        code=code("validation"),
+        **of_stage("validation"),
         baseline=lambda w, input: flagged("--baseline", input.baseline),
         trials=lambda w: TRIALS[w.tier],
     message:
@@ -113,11 +108,9 @@ rule audit:
         mem_mb=3000,
         runtime=60,
     params:
-        case=lambda w: case_path(w.case),
+        **of_stage("audit"),
         witness=lambda w: f"results/{w.case}/{w.tier}audit/witness.json",
         trials=lambda w: TRIALS[w.tier],
-        reads=reads("audit"),
-        code=code("audit"),
         shards=lambda w, input: flagged("--rollouts", input.rollouts),
     message:
         "{wildcards.case}: an adversary against bound and controller, {params.trials} trials, {threads} processes"
@@ -129,10 +122,7 @@ rule audit:
 
 def own_shards(wildcards):
     """Roll-outs on the grid that the case's own bound was made from."""
-    folder = f"results/{wildcards.case}/rollouts/{own_point(case_of(wildcards))}"
-    return [
-        f"{folder}/shard-{k}.parquet" for k in range(shard_count(case_of(wildcards)))
-    ]
+    return shard_files(wildcards.case, wildcards, own_point(case_of(wildcards)))
 
 
 rule twin:
@@ -151,9 +141,7 @@ rule twin:
         mem_mb=1500,
         runtime=30,
     params:
-        case=lambda w: case_path(w.case),
-        reads=reads("twin"),
-        code=code("twin"),
+        **of_stage("twin"),
         shards=lambda w, input: flagged("--rollouts", input.rollouts),
     message:
         "{wildcards.case}: the simulator held against the engine that it stands for"
@@ -179,9 +167,7 @@ rule trace:
         mem_mb=1000,
         runtime=10,
     params:
-        case=lambda w: case_path(w.case),
-        reads=reads("trace"),
-        code=code("trace"),
+        **of_stage("trace"),
     message:
         "{wildcards.case}: recording of both controllers for Rerun"
     shell:

@@ -98,11 +98,9 @@ checkpoint diagnosis:
         mem_mb=3000,
         runtime=60,
     params:
-        case=lambda w: case_path(w.case),
+        **of_stage("diagnosis"),
         out=lambda w, output: Path(output.document).parent,
         recordings=lambda w: own_recordings(w.case),
-        reads=reads("diagnosis"),
-        code=code("diagnosis"),
     message:
         "{wildcards.case}: from residuals to the effect that the model lacks"
     shell:

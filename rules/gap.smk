@@ -34,10 +34,8 @@ rule scp:
         mem_mb=2000,
         runtime=30,
     params:
-        case=lambda w: case_path(w.case),
+        **of_stage("scp"),
         grid=grid_folder,
-        reads=reads("scp"),
-        code=code("scp"),
         shards=lambda w, input: flagged("--rollouts", input.rollouts),
         borders=lambda w, input: flagged("--borders", input.borders),
     message:
@@ -63,10 +61,8 @@ rule lipschitz:
         mem_mb=2000,
         runtime=30,
     params:
-        case=lambda w: case_path(w.case),
+        **of_stage("lipschitz"),
         grid=grid_folder,
-        reads=reads("lipschitz"),
-        code=code("lipschitz"),
         shards=lambda w, input: flagged("--rollouts", input.rollouts),
     message:
         "{wildcards.case}: Lipschitz constants, {wildcards.point}"
@@ -97,10 +93,8 @@ rule gap:
         mem_mb=2000,
         runtime=30,
     params:
-        case=lambda w: case_path(w.case),
+        **of_stage("gap"),
         grid=grid_folder,
-        reads=reads("gap"),
-        code=code("gap"),
         shards=lambda w, input: flagged("--rollouts", input.rollouts),
         drawn=lambda w, input: flagged("--calibration", input.calibration),
         borders=lambda w, input: flagged("--borders", input.borders),

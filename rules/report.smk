@@ -7,7 +7,6 @@ REPORTS = next(f for f in (BASE / "reports", BASE.parent / "templates") if f.is_
 TEMPLATES = digest(
     {path.name: file_digest(path) for path in sorted(REPORTS.glob("*.*"))}
 )
-INDEX = "results/index.html"
 PRINTED = "configs/paper/printed.yaml"
 FIRST = "first/"  # a page of bound, controller and closed loop; the adversary and the measured data follow
 PAGES = {
@@ -20,58 +19,6 @@ PAGES = {
 def page_priority(wildcards):
     """A first page before all else that is ready to run; the others fill the cores that are left at the end."""
     return 50 if wildcards.tier == FIRST else LAST
-
-
-def pages(case):
-    """What a person looks at; what was checked before anything else first."""
-    names = (
-        "check/check.json",
-        "first/report.html",
-        "report.html",
-        "summary.json",
-        "trace/trace.rrd",
-    )
-    return [f"results/{case}/{name}" for name in names]
-
-
-def bounded(case):
-    """Whether a case asks for a bound of its gap."""
-    return case_of(case).gap is not None or case_of(case).hidden_state is not None
-
-
-def controlled(case):
-    """Whether it asks for a controller, and so for a report."""
-    return bounded(case) and case_of(case).synthesis is not None
-
-
-def final_results(case):
-    """What a plain run makes of a case, as far as its sections go."""
-    folder, sections = f"results/{case}", case_of(case)
-    if not controlled(case):
-        own = f"{folder}/gap/{own_point(sections)}/gap.json" if bounded(case) else None
-        bound = [own] if own else []
-        found = [f"{folder}/diagnosis/report.html"] if diagnosed(case) else []
-        return [f"{folder}/check/check.json", *bound, *found]
-    return (
-        [*pages(case)]
-        + ([] if RUNNING else [INDEX])
-        + (
-            [f"{folder}/diagnosis/report.html", f"{folder}/corrected/report.html"]
-            if diagnosed(case)
-            else []
-        )
-    )
-
-
-def full_results(case):
-    """Everything of a plain run, and the pages with the numbers of trials of a full one."""
-    also = [f"results/{case}/full/report.html"] if controlled(case) else []
-    more = (
-        [f"results/{case}/corrected/full/report.html"]
-        if also and diagnosed(case)
-        else []
-    )
-    return [*final_results(case), *also, *more]
 
 
 def gap_files(wildcards):
@@ -183,9 +130,7 @@ rule report:
         mem_mb=1500,
         runtime=10,
     params:
-        case=lambda w: case_path(w.case),
-        reads=reads("report"),
-        code=code("report"),
+        **of_stage("report"),
         templates=TEMPLATES,
         files=report_options,
         which=lambda w: PAGES[w.tier],

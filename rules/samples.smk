@@ -12,10 +12,14 @@ def grid_files(wildcards):
     return multiext(f"{grid_folder(wildcards)}/", "states.parquet", "inputs.parquet")
 
 
-def shards(wildcards):
-    folder = f"results/{simulated(wildcards.case)}/rollouts/{wildcards.point}"
+def shard_files(of, wildcards, point):
+    """Roll-outs on the grid of a point, made of the case that is named `of`."""
     count = shard_count(case_of(wildcards))
-    return [f"{folder}/shard-{shard}.parquet" for shard in range(count)]
+    return [f"results/{of}/rollouts/{point}/shard-{k}.parquet" for k in range(count)]
+
+
+def shards(wildcards):
+    return shard_files(simulated(wildcards.case), wildcards, wildcards.point)
 
 
 # What a person would want to know before anything runs. It goes first, and its failure ends the run; nothing depends on it,
@@ -34,9 +38,7 @@ rule check:
         mem_mb=500,
         runtime=5,
     params:
-        case=lambda w: case_path(w.case),
-        reads=reads("check"),
-        code=code("check"),
+        **of_stage("check"),
     message:
         "{wildcards.case}: model file, engine, cells and costs"
     shell:
@@ -57,10 +59,8 @@ rule grid:
         mem_mb=500,
         runtime=5,
     params:
-        case=lambda w: case_path(w.case),
+        **of_stage("grid"),
         out=lambda w, output: Path(output[0]).parent,
-        reads=reads("grid"),
-        code=code("grid"),
     message:
         "{wildcards.case}: states that cover X and inputs, {wildcards.point}"
     shell:
@@ -84,10 +84,8 @@ rule rollouts:
         mem_mb=1500,
         runtime=120,
     params:
-        case=lambda w: case_path(w.case),
+        **of_stage("rollouts"),
         grid=lambda w, input: Path(input.grid[0]).parent,
-        reads=reads("rollouts"),
-        code=code("rollouts"),
     message:
         "{wildcards.case}: simulator on grid x inputs, {wildcards.point}, shard {wildcards.shard}"
     shell:
@@ -109,9 +107,7 @@ rule fresh:
         mem_mb=1500,
         runtime=30,
     params:
-        case=lambda w: case_path(w.case),
-        reads=reads("fresh"),
-        code=code("fresh"),
+        **of_stage("fresh"),
     message:
         "{wildcards.case}: fresh random samples of the simulator"
     shell:
@@ -132,9 +128,7 @@ rule borders:
         mem_mb=1500,
         runtime=30,
     params:
-        case=lambda w: case_path(w.case),
-        reads=reads("borders"),
-        code=code("borders"),
+        **of_stage("borders"),
     message:
         "{wildcards.case}: simulator on borders and beside switching surfaces, {wildcards.point}"
     shell:
@@ -170,9 +164,7 @@ rule calibration:
         mem_mb=1500,
         runtime=30,
     params:
-        case=lambda w: case_path(w.case),
-        reads=reads("calibration"),
-        code=code("calibration"),
+        **of_stage("calibration"),
     message:
         "{wildcards.case}: random samples that set the width of a conformal bound"
     shell:

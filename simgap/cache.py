@@ -1,4 +1,4 @@
-"""Where simgap keeps what can be made again at any time."""
+"""Folders in which simgap keeps what can be made again at any time."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def kernel_sources(root: Path = PACKAGE) -> str:
 
 
 def machine_code() -> Path | None:
-    """Where numba keeps the machine code of this very package's kernels; None without a home.
+    """Folder in which numba keeps the machine code of this very package's kernels; None without a home.
 
     numba asks whether a function's own file has changed, and not those of what it calls: kept beside the sources, a
     kernel would go on with the old code of another file.

@@ -199,7 +199,7 @@ class Judge:
     tolerant: bool = False
 
     def verdict(self, run: Run) -> Verdict:
-        """How a run ended."""
+        """Verdict on a run."""
         return self.monitor.judge(run, self.steps)
 
     def audit(self, runs: Sequence[Run]) -> GapAudit:
@@ -306,7 +306,7 @@ def steps_of(runs: Sequence[Run], inputs: Floats) -> tuple[Floats, Floats, Float
 
 
 def split_by_run(flags: Sequence[bool] | Bools, runs: Sequence[Run]) -> list[int]:
-    """How many flagged steps each run has: (k,) bool, the steps of all runs under each other."""
+    """Number of flagged steps of each run: (k,) bool, the steps of all runs under each other."""
     ends = np.cumsum([len(r.inputs) for r in runs])
     counts = np.concatenate([[0], np.cumsum(np.asarray(flags, dtype=np.int64))])
     return np.diff(counts[np.concatenate([[0], ends])]).astype(int).tolist()

@@ -21,7 +21,7 @@ Found = TypeVar("Found")
 Tell = Callable[[str], None]
 _LEAST_S = 1e-6  # 0 is no deadline
 PR_SET_PDEATHSIG = 1
-"""Of Linux's prctl: the signal that a process gets when the one that forked it ends, however that ends."""
+"""Option of Linux's prctl: the signal that a process gets when the one that forked it ends, however that ends."""
 
 
 def last_within(
@@ -75,7 +75,7 @@ def seconds_left() -> float:
 
 
 def copied() -> bool:
-    """Whether this is the copy of a process with a deadline, which has what is left of its time.
+    """True if this is the copy of a process with a deadline, which has what is left of its time.
 
     The process itself waits until the copy ends, and has so much less.
     """

@@ -91,7 +91,7 @@ if not TYPE_CHECKING:
     )
 
     def njit(*signature: Any, **options: Any) -> Any:
-        """As `numba.njit`; with and without arguments."""
+        """Kernel as `numba.njit` makes it, with and without arguments."""
         if len(signature) == 1 and callable(signature[0]):
             return _Kernel(signature[0], ((), options))
         return lambda function: _Kernel(function, (signature, options))

@@ -101,6 +101,12 @@ def find(group: str, name: str, folder: Path | None = None) -> type[Any]:
     raise UserError(f"no {_ONE[group]} is called '{excerpt(name, 80)}'", remedy=f"Known: {', '.join(names(group))}.")
 
 
+@lru_cache(maxsize=64)
+def announce(what: str) -> None:
+    """Log, once, that something is a person's code."""
+    log.warning("%s is code and runs with your permissions", what)
+
+
 def source(plugin: type[Any]) -> Path | None:
     """The file that a plug-in stands in, None where there is none; its bytes belong to what a result was made from."""
     module = sys.modules.get(plugin.__module__)

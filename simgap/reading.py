@@ -91,7 +91,7 @@ def opened(path: Path, most: int | None = None) -> io.BufferedReader | io.BytesI
 
 
 def opened_text(path: Path, encoding: str = "utf-8", errors: str = "strict", newline: str | None = None) -> TextIO:
-    """Likewise, as text."""
+    """A regular file, opened for reading as text. Raises as `opened`."""
     return io.TextIOWrapper(opened(path), encoding, errors, newline)
 
 
@@ -139,7 +139,7 @@ def read_xml(path: Path) -> ElementTree.Element:
 
 
 def xml_of(data: bytes, path: Path) -> ElementTree.Element:
-    """Likewise of bytes that are at hand. Raises UserError, which names `path`."""
+    """The root of XML that is at hand as bytes, as `read_xml`. Raises UserError, which names `path`."""
     start, text = 0, _text_of_prolog(data)
     while found := _PROLOG.match(text, start):
         start = found.end()
@@ -158,7 +158,7 @@ def xml_of(data: bytes, path: Path) -> ElementTree.Element:
 
 
 def _tree(data: bytes) -> ElementTree.Element:
-    """As engines read it: a prefix is part of a name, declared or not; blanks before and zeros behind are nothing."""
+    """The root as engines read it: a prefix is part of a name, declared or not; blanks before, zeros behind are cut."""
     built, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
     parser.buffer_text = True
     parser.StartElementHandler, parser.EndElementHandler = built.start, built.end
@@ -168,7 +168,7 @@ def _tree(data: bytes) -> ElementTree.Element:
 
 
 def _text_of_prolog(data: bytes) -> str:
-    """As the parser takes it for text up to the root: UTF-16 by how it begins, else something that ASCII is part of."""
+    """Text as the parser takes it up to the root: UTF-16 by how it begins, else something that ASCII is part of."""
     if data[:2] in (b"\xff\xfe", b"\xfe\xff") or 0 in data[:2]:
         kind = "utf-16-be" if data[:1] in (b"\xfe", b"\x00") else "utf-16-le"
         return data.decode(kind, "replace").removeprefix("\ufeff")

@@ -86,7 +86,7 @@ def require_unit(unit: str, wanted: str, key: str) -> None:
 
 @lru_cache(maxsize=256)
 def conversion(source: str, target: str) -> Affine:
-    """How a number in unit `source` becomes one in unit `target`.
+    """Map by which a number in unit `source` becomes one in unit `target`.
 
     Raises:
         UserError: for a unit that does not exist, two units of different dimensions, or Hz for an angular velocity,
@@ -134,57 +134,31 @@ def full_turn(unit: str) -> float | None:
     return 2.0 * math.pi / to_rad if float(next(iter(_parsed(unit)._units.values()))) == 1.0 else None
 
 
-@dataclass(frozen=True)
-class Dimension:
-    """Exponents of the SI base units, by their name; angles and pure numbers have none."""
-
-    exponents: tuple[tuple[str, float], ...] = ()
-
-    def times(self, other: Dimension, power: float = 1.0) -> Dimension:
-        """The dimension of a product."""
-        own = dict(self.exponents)
-        for name, value in other.exponents:
-            own[name] = own.get(name, 0.0) + power * value
-        return Dimension(tuple(sorted((k, v) for k, v in own.items() if abs(v) > 1e-9)))
-
-    def over(self, other: Dimension) -> Dimension:
-        """The dimension of a quotient."""
-        return self.times(other, -1.0)
-
-    def to_the(self, power: float) -> Dimension:
-        """The dimension of a power."""
-        return PURE.times(self, power)
-
-    def __str__(self) -> str:
-        """As a unit is written."""
-        parts = {s: [_raised(n, abs(v)) for n, v in self.exponents if s * v > 0.0] for s in (1, -1)}
-        above = "*".join(parts[1]) or "1"
-        return above + "".join(f"/{part}" for part in parts[-1])
-
-
-PURE = Dimension()
-"""Of angles and pure numbers."""
 _BASE = {"[length]": "m", "[mass]": "kg", "[time]": "s", "[current]": "A", "[temperature]": "K", "[substance]": "mol",
          "[luminosity]": "cd"}  # fmt: skip
 
 
-def _raised(name: str, power: float) -> str:
-    return name if power == 1.0 else f"{name}^{power:g}"
-
-
 @lru_cache(maxsize=256)
-def dimension(unit: str) -> Dimension:
-    """The dimension of a unit.
+def dimension(unit: str) -> Any:
+    """Dimension of a unit as pint has it: exponents of the SI base units by name, none for angles and pure numbers.
+
+    Products, quotients and powers of dimensions are dimensions.
 
     Raises:
         UserError: a unit that does not exist.
     """
-    found = _parsed(unit).dimensionality
-    return Dimension(tuple(sorted((_BASE.get(str(k), str(k)), float(v)) for k, v in found.items())))
+    return _parsed(unit).dimensionality
+
+
+def dimension_text(own: Any) -> str:
+    """A dimension as a unit is written, such as kg*m^2/s; 1 for none."""
+    named = sorted((_BASE.get(name, name), float(power)) for name, power in own.items())
+    parts = {s: [n if s * p == 1.0 else f"{n}^{s * p:g}" for n, p in named if s * p > 0.0] for s in (1, -1)}
+    return ("*".join(parts[1]) or "1") + "".join(f"/{part}" for part in parts[-1])
 
 
 def of_base(unit: str) -> float:
-    """How many units of the SI base, of the same kind, one is: 0.001 for g, 1 for N*m.
+    """Size of a unit in units of the SI base: 0.001 for g, 1 for N*m.
 
     Raises:
         UserError: a unit that does not exist.

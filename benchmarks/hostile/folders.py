@@ -55,7 +55,7 @@ INPUTS = ("cart.yaml", "rod.yaml", "rod.urdf", "run.csv", "run.json", "fmu.yaml"
 OUTPUTS = (
     "diagnosis", "diagnosis/diagnosis.log", "diagnosis/report.html", "diagnosis/diagnosis.json", "results",
     "results/cart", "results/cart/benchmarks/check.tsv", "results/cart/logs/check.log", "results/cart/certificate",
-    "results/cart/check/check.json", ".snakemake", ".snakemake/simgap.lock", ".snakemake/metadata/x", "law.py",
+    "results/cart/check/check.json", ".snakemake", ".snakemake/simgap/runs/0-1.json", ".snakemake/metadata/x", "law.py",
     ".snakemake/simgap", "new", "MUJOCO_LOG.TXT", "a.log", "results/cart/gap", "results/cart/synthesis/gap",
 )  # fmt: skip
 TRACES = ("results/cart/trace/trace.rrd", "results/cart/gap/eps~0.2/gap.json", "whole.npz",

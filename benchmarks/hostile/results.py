@@ -78,22 +78,23 @@ def _gaps() -> tuple[str, ...]:
 
 def read_controller(rng: random.Random, folder: Path) -> None:
     """A damaged controller, or one that was altered by somebody who can write a checksum."""
-    from simgap.io.controller_file import checksum, load_controller, load_domain
+    from simgap.io.atomic import sealed
+    from simgap.io.controller_file import load_controller, load_domain, write_arrays
 
     whole, path = folder / "whole.npz", folder / "a.npz"
     if rng.random() < 0.4:
         path.write_bytes(damaged(whole.read_bytes(), rng))
     else:
         with np.load(whole) as stored:
-            arrays = {name: stored[name] for name in stored.files if name != "sha256"}
+            arrays = {name: stored[name] for name in stored.files}
         name = rng.choice(list(arrays))
         if name == "about" or rng.random() < 0.4:
             about = altered(json.loads(arrays["about"].tobytes().decode()), rng)
             arrays["about"] = np.frombuffer(json.dumps(about).encode(), np.uint8)
         else:
             arrays[name] = _altered_array(arrays[name], rng)
-        arrays["sha256"] = checksum(arrays)
-        np.savez(path, **arrays)
+        with sealed(path) as temporary:
+            write_arrays(temporary, arrays)
     rng.choice((load_controller, load_domain))(path)
 
 

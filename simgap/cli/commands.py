@@ -89,16 +89,14 @@ GROUPS: Mapping[str, Mapping[str, Command]] = {
         "scp": _stage("scp", "Solve the scenario programs of the gap, one for each dimension."),
         "lipschitz": _stage("lipschitz", "Estimate the Lipschitz constants of the gap, one for each dimension."),
         "gap": _stage(
-            "gap",
-            "Combine the dimensions into a bound of the gap, a function of state and input, and check it.",
+            "gap", "Combine the dimensions into a bound of the gap, a function of state and input, and check it."
         ),
         "synthesis": _stage(
             "synthesis", "Synthesise the controller on the abstraction of f with its gap, or of f alone."
         ),
         "twin": _stage("twin", "Compare the simulator with the engine that it stands for, on every sample of the run."),
         "validation": _stage(
-            "validation",
-            "Run both controllers in the simulator and on the nominal model, and count what they promise.",
+            "validation", "Run both controllers in the simulator and on the nominal model, and count what they promise."
         ),
         "audit": _stage("audit", "Let an adversary attack the bound and the controller; one violation fails."),
         "trace": _stage("trace", "Record the closed loop for Rerun, and read the recording back."),

@@ -1,4 +1,4 @@
-"""What a command does to its own process: Ctrl-C while it is imported, pandas left out, few searches for garbage."""
+"""Settings of a command's own process: Ctrl-C while it is imported, pandas left out, few searches for garbage."""
 
 from __future__ import annotations
 

@@ -32,9 +32,7 @@ if TYPE_CHECKING:
 TUTORIAL = ("rod.yaml", "rod.urdf", "machine.urdf", "swings.csv")
 
 
-def tutorial(
-    out: Annotated[Path, typer.Option(help="Folder for the files.", callback=new_folder)] = Path(),
-) -> None:
+def tutorial(out: Annotated[Path, typer.Option(help="Folder for the files.", callback=new_folder)] = Path()) -> None:
     """Copy the files of the tutorial here: a case, two URDFs of a rod, and a recording."""
     from simgap.io.atomic import atomic
 
@@ -154,10 +152,10 @@ def refine(
     ] = None,
 ) -> None:
     """Find the states along which the sample grid must be fine, and print the section for the case."""
-    from simgap.stages import refine as stage
+    from simgap.gap.resolution import refine as refined
 
     with progress("building the nominal model") as tell:
-        found = stage.run(case, samples, tell)
+        found = refined(case, samples, tell)
     say(found.block())
     for name, then in found.then.items():
         say(f"# {name}: within a cell the bound loses {then:.2g} on average, now {found.now[name]:.2g}")

@@ -22,14 +22,14 @@ JOBS = {"rollouts": 2, "synthesis": 2}
 
 
 class Progress:
-    """Where a run is, from the events that Snakemake logs and the costs that `check` estimates (CPU s)."""
+    """Progress of a run, from the events that Snakemake logs and the costs that `check` estimates (CPU s)."""
 
     def __init__(self) -> None:
         self.left, self.rules, self.costs = Counter[str](), dict[int, str](), dict[str, float]()
         self.done = self.total = 0
 
     def line(self, record: Any) -> str:
-        """What an event says to a person; empty for most."""
+        """Line for the terminal about an event; empty for most."""
         event = getattr(record, "event", None)
         if event == "run_info":
             self.left = Counter(record.stats)

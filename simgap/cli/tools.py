@@ -105,9 +105,7 @@ def schema(
     write_text(out, schema_text())
 
 
-def reference(
-    out: Annotated[Path, typer.Option(help="Folder to write into.")] = Path("docs/reference"),
-) -> None:
+def reference(out: Annotated[Path, typer.Option(help="Folder to write into.")] = Path("docs/reference")) -> None:
     """Write the pages of all keys of a case and of all effects."""
     from simgap.io.atomic import write_text
     from simgap.stages.reference import reference as pages

@@ -1,26 +1,33 @@
-"""`simgap run` and `simgap sweep`: all stages of a person's cases, by the workflow that the package carries."""
+"""`simgap run` and `simgap sweep`: all stages of a person's cases, by the workflow that the package carries.
+
+A run that ends without a controller, because a job failed, nothing wins or the case asks for a bound alone, ends with
+the reasons and a page that has them: `no_controller.html` in the folder of the results.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import os
+import re
 import signal
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 import yaml
 
 from simgap import reading
-from simgap.cli import endings, start
+from simgap.cli import start
 from simgap.cli.terminal import say
 from simgap.config.case import Case
 from simgap.errors import SimgapError, UserError
 from simgap.io.atomic import host, no_links_below, write_text
 from simgap.io.documents import read_json
+from simgap.io.pages import render
 from simgap.io.runs import LINKED, RUN, runs_in
 
 PACKAGE = reading.real(Path(__file__)).parents[1]
@@ -127,11 +134,11 @@ def _tell_verdict(case: Case, trials: str) -> None:
     if not bounded:
         return
     if controlled:
-        (folder / endings.PAGE).unlink(missing_ok=True)  # of an earlier run
+        (folder / PAGE).unlink(missing_ok=True)  # of an earlier run
         verdict = read_json(page.with_name("summary.json"))["verdict"]
     else:
         verdict = [case.no_controller or _ASKS_FOR_NONE.format(case.name)]
-        page = endings.write_page(folder, verdict, bounded=True)
+        page = write_page(folder, verdict, bounded=True)
     say("\n".join([f"{case.name}:", *(f"  {line}" for line in verdict), f"  Page: {page}"]))
 
 
@@ -175,7 +182,7 @@ def snakemake(
 
 
 def _locked() -> str:
-    """Who holds the folder, as far as it can be told, and what to do."""
+    """Sentence on who holds the folder, as far as it can be told, and what to do."""
     others = runs_in(Path())
     named = f"running here: {'; '.join(map(str, others))}" if others else "no live run on this machine"
     alive = any(run.alive for run in others)
@@ -241,3 +248,100 @@ def sweep(
     if not looks_on(words):
         require_made(Path(target))
         say(f"{path.stem}: {len(points)} points. Page: {target}, table: {Path(target).parent}/table.parquet")
+
+
+PAGE, TEMPLATE = "no_controller.html", "no_controller.html.j2"
+EMPTY = "empty.json"
+"""Beside the summary of a synthesis that won nothing: why."""
+_BOUNDED = ("synthesis", "validation", "audit", "trace", "report")
+"""Rules that begin when the bound is there: what lies in the folder is that of this run."""
+_FAILED = re.compile(r"^Error in rule ([^:]+):$", re.MULTILINE)
+_LOG = re.compile(r"^    log: ([^,\n]+?)(?: \(check log file|,|$)", re.MULTILINE)
+_ERROR = re.compile(r"^\S+ \S+ ERROR (.+)$", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A job that failed: its rule, its log if it has one, and its own reason, as its log has it last."""
+
+    rule: str
+    log: str | None
+    told: str | None
+
+    def __str__(self) -> str:
+        """The reason in a line that names the log."""
+        if self.log is None:
+            return f"the rule {self.rule} failed"
+        if self.told is None:
+            return f"the rule {self.rule} ended without a reason: {self.log}"
+        return f"{self.told} [{self.rule}, {self.log}]"
+
+
+def failures(run_logs: Sequence[Path], folder: Path = Path()) -> list[Failure]:
+    """Jobs that failed, each once.
+
+    What `check` refuses stands last, where it is read: other jobs of the case may have met the same mistake, later.
+
+    Args:
+        run_logs: what Snakemake wrote of the run.
+        folder: where paths of the run start from.
+    """
+    text = "".join(_text(path) for path in run_logs)
+    starts = [match.start() for match in _FAILED.finditer(text)]
+    blocks = [text[a:b] for a, b in zip(starts, [*starts[1:], len(text)], strict=True)] if starts else []
+    return sorted(dict.fromkeys(_failure(block, folder) for block in blocks), key=lambda f: f.rule == "check")
+
+
+def _failure(block: str, folder: Path) -> Failure:
+    failed, log = _FAILED.search(block), _LOG.search(block)
+    rule = failed.group(1) if failed is not None else ""
+    if log is None:
+        return Failure(rule, None, None)
+    told = _ERROR.findall(_text(folder / log.group(1)))
+    return Failure(rule, log.group(1), told[-1] if told else None)
+
+
+def _text(path: Path) -> str:
+    try:
+        return reading.read_text(path, errors="replace")
+    except OSError:
+        return ""
+
+
+def write_failed(failed: Sequence[Failure], words: Mapping[str, str], folder: Path = Path()) -> list[Path]:
+    """A page in each folder of results of which a job failed, after `check` had nothing against the case.
+
+    `words` are what cases themselves say of why they ask for no controller, by folder.
+    """
+    found: dict[Path, list[Failure]] = {}
+    for failure in failed:
+        if failure.log is not None and failure.rule != "check" and "logs" in Path(failure.log).parts:
+            found.setdefault(Path(failure.log).parent.parent, []).append(failure)
+    checked = {Path(f.log).parent.parent for f in failed if f.rule == "check" and f.log is not None}
+    own = {results: why for results, why in found.items() if results not in checked}
+    for results, why in own.items():
+        bounded = all(f.rule in _BOUNDED for f in why)
+        said = [words[str(results)]] if words.get(str(results)) else []
+        write_page(folder / results, [f.told or str(f) for f in why] + said, bounded)
+    return [results / PAGE for results in own]
+
+
+def write_page(results: Path, reasons: Sequence[str], bounded: bool) -> Path:
+    """The page of a case that has no controller: why, the bound if there is one, and why nothing wins.
+
+    Args:
+        results: folder of the case's results. reasons: a sentence each. bounded: whether its bound is of this run.
+    """
+    gaps = sorted(results.glob("gap/*/gap.json"), key=lambda path: path.stat().st_mtime) if bounded else []
+    empty = [_read(path) for path in sorted(results.glob(f"synthesis/*/{EMPTY}")) if bounded]
+    page, title = results / PAGE, str(results).rpartition("results/")[2]
+    bound = _read(gaps[-1]).get("dimensions", []) if gaps else []
+    write_text(page, render(TEMPLATE, title=title, reasons=reasons, bound=bound, empty=[e for e in empty if e]))
+    return page
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        return read_json(path)
+    except UserError:  # of another version, or half written: the page does without
+        return {}

@@ -84,12 +84,10 @@ def _unless_given(index: int) -> str:
 
 
 class AuditSection(Section):
-    """How hard the adversary tries."""
+    """Budget of the adversary."""
 
     evaluations: int | None = Field(
-        None,
-        ge=1,
-        description=f"Steps of the simulator on which the gap's bound is attacked; {_unless_given(0)}",
+        None, ge=1, description=f"Steps of the simulator on which the gap's bound is attacked; {_unless_given(0)}"
     )
     steps: int | None = Field(
         None,
@@ -108,13 +106,13 @@ class AuditSection(Section):
 
 
 STARTS, FULL_STARTS = 300, 1000
-"""Of a plain run and of a full one: if none of them fails, at most 1 % and 0.3 % do, with 95 % confidence."""
+"""Starts of a plain run and of a full one: if none fails, at most 1 % and 0.3 % do, with 95 % confidence."""
 BASELINE_STARTS = 200
-"""Of each controller that a plain run only compares with; nothing is promised of them."""
+"""Starts of each controller that a plain run only compares with; nothing is promised of them."""
 
 
 class ValidationSection(Section):
-    """How many runs, how long, and which of them are kept in full."""
+    """Number of runs, their length, and which of them are kept in full."""
 
     starts: int | None = Field(
         None,

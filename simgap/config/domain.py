@@ -11,7 +11,7 @@ from simgap.arrays import Floats
 from simgap.config.base import Interval, Seconds, Section
 
 MOST_VALUES = 2.0**53
-"""Of one input: beyond it doubles do not count by ones."""
+"""Most values of one input: beyond it doubles do not count by ones."""
 
 
 class InputSet(Section):
@@ -42,7 +42,7 @@ class InputSet(Section):
 
     @property
     def count(self) -> int:
-        """How many values there are."""
+        """Number of values."""
         if self.values is not None:
             return len(self.values)
         low, high, step = (float(v) for v in (self.min, self.max, self.step) if v is not None)
@@ -58,7 +58,7 @@ class InputSet(Section):
 
 
 class DomainSection(Section):
-    """Where the model is compared with the simulator and where the controller works."""
+    """Region in which the model is compared with the simulator and the controller works."""
 
     tau: Seconds = Field(gt=0, description="Sampling time, in seconds or with a unit ('5 ms').")
     X: dict[str, Interval] = Field(

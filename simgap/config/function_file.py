@@ -28,7 +28,7 @@ MOST_NAME = 256
 
 @dataclass(frozen=True)
 class FunctionFile:
-    """Where a function stands: its file and its name there."""
+    """Place of a function: its file and its name there."""
 
     path: Path
     name: str

@@ -57,7 +57,7 @@ class GridSection(Section):
 
 
 class SymmetrySection(Section):
-    """What the gap does not depend on: position and heading (SE(2)), or some states; measured, not believed."""
+    """Symmetry of the gap: no dependence on position and heading (SE(2)), or on some states; measured, not believed."""
 
     OPTIONAL: ClassVar[tuple[str, ...]] = ("along",)
 
@@ -84,7 +84,7 @@ class SymmetrySection(Section):
 
 
 class HiddenStateSection(Section):
-    """What earlier inputs leave behind in the simulator, and how it is covered."""
+    """State that earlier inputs leave behind in the simulator, and how it is covered."""
 
     previous: dict[str, int] = Field(
         description="For each input, how many of its values represent the previous input: the extremes and between."
@@ -164,7 +164,7 @@ class RemainderWithin(Section):
 
 
 class GapSection(Section):
-    """How the gap d = simulator - nominal is bounded on all of X x U, and how the bound is checked."""
+    """Bound of the gap d = simulator - nominal on all of X x U, and its check."""
 
     OPTIONAL: ClassVar[tuple[str, ...]] = ("remainder_within",)
 

@@ -40,7 +40,7 @@ class Condition(Section):
 
 
 class ConditionColumn(Section):
-    """Which column holds a parameter that differs from file to file: `scale * (cell in the parameter's unit)`."""
+    """Column of a parameter that differs from file to file: `scale * (cell in the parameter's unit)`."""
 
     column: str = Field(description="Name of the column; it has one value within a file, or within a trace of it.")
     unit: str | None = Field(
@@ -128,7 +128,7 @@ Range = Annotated[Interval, Field(description="From and to, in seconds as the ti
 
 
 class ColumnMap(Section):
-    """Which column holds a state or an input, and how its cells become the case's numbers.
+    """Column of a state or an input, and how its cells become the case's numbers.
 
     The value is `scale * (cell converted from unit to the case's unit) + offset`.
     """
@@ -257,8 +257,7 @@ class MeasuredSection(Section):
         "file): parameter -> its column.",
     )
     payloads: tuple[PayloadSection, ...] = Field(
-        default=(),
-        description="Weights that were mounted on a link of an arm of three joints or more in some files.",
+        default=(), description="Weights that were mounted on a link of an arm of three joints or more in some files."
     )
     held_out: HeldOut = Field(default_factory=HeldOut, description="The data that are kept for judging.")
     window_s: float = Field(

@@ -50,7 +50,7 @@ def named_by(model: Path) -> Iterator[tuple[str, Path]]:
 
 
 def places_of(model: Path, name: str) -> list[Path]:
-    """Where a file may lie that a URDF names, the likeliest place first; none for an empty name.
+    """Places of a file that a URDF names, the likeliest first; none for an empty name.
 
     `package://` means the folder above the model's own, or as PyBullet looks for it a folder of the package's name
     beside or above.

@@ -67,7 +67,7 @@ class SymbolicCoordinate(Section):
 
 
 class Wheels(Section):
-    """What makes a planar wheeled robot of the equations."""
+    """States and inputs by which the equations are those of a planar wheeled robot."""
 
     x: str = Field(description="The state that is the position along x.")
     y: str = Field(description="The state that is the position along y.")

@@ -88,7 +88,7 @@ CLOSED_FORM = ("scp", "lipschitz")
 OWN_FORMAT = ("scp",)
 """Stages that read of a simulator's file in its own format where it switches, and not the rest of the simulator."""
 
-EVERY_EFFECT = ("diagnosis", "next", "report")
+EVERY_EFFECT = ("check", "diagnosis", "next", "report")
 """Stages that try or describe effects which the case does not name."""
 
 TRANSLATED = ("grid", "borders", "scp", "lipschitz", "gap")

@@ -34,7 +34,7 @@ class Excitation(Section):
 
 
 class Rig(Section):
-    """Which case's simulator stands in for hardware, how it is moved and what is measured."""
+    """Experiment: whose simulator stands in for hardware, how it is moved and what is measured."""
 
     case: str = Field(description="Case file whose simulator is the rig, relative to this file.")
     substeps: int | None = Field(
@@ -73,7 +73,7 @@ def load_rig(path: Path) -> Rig:
 MARK = "--"
 """Between the name of a sweep and that of a point."""
 NAME = re.compile(r"[a-z][a-z0-9_]*(-[a-z0-9_]+)*")
-"""Of a sweep, as the workflow takes it (rules/sweep.smk): a doubled hyphen stands between sweep and point."""
+"""Name of a sweep, as the workflow takes it (rules/sweep.smk): a doubled hyphen stands between sweep and point."""
 MOST_POINTS = 1000
 
 
@@ -91,8 +91,7 @@ class Sweep(Section):
         default_factory=dict, description="Values by dotted key of the case, such as gap.basis or synthesis.cells."
     )
     points: tuple[dict[str, Any], ...] = Field(
-        (),
-        description="mode list: for each point its values by dotted key; other keys stay as they are.",
+        (), description="mode list: for each point its values by dotted key; other keys stay as they are."
     )
 
 
@@ -192,7 +191,7 @@ class EpsSweep(Section):
 
 
 class WorkflowConfig(Section):
-    """What a run is about."""
+    """Settings of a run: where its files are, and its cases."""
 
     case_folder: str = Field("configs/cases", description="Folder of the case files.")
     rig_folder: str = Field("configs/rigs", description="Folder of the rigs that stand in for hardware.")

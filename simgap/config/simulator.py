@@ -29,7 +29,7 @@ class EngineSection(Section):
     OPTIONAL: ClassVar[tuple[str, ...]] = ("timeout",)
 
     def between_poses(self, tau: float, gravity: float) -> float:
-        """How far (m) a robot may stray from the straight line between two poses that the engine records within tau.
+        """Distance, m, by which a robot may stray from the line between two poses that the engine records within tau.
 
         Args:
             tau: sampling time, s.
@@ -58,7 +58,7 @@ class Damping(Section):
 
 
 class TwinSection(Section):
-    """What a simulator in closed form stands for: both take every step of the run, the differences are printed."""
+    """Engine for which a simulator in closed form stands: both take every step of the run, differences are printed."""
 
     of: Annotated[EngineSection, Plugged("engines", "engine")] = Field(
         description="The engine it stands for, with its keys, as in `simulator`."

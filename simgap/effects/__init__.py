@@ -11,7 +11,7 @@ from functools import lru_cache
 from typing import Protocol
 
 from simgap import plugins
-from simgap.effects.base import AppliedEffect, CoordinateEffect, Effect, EffectParameter
+from simgap.effects.base import AppliedEffect, CoordinateEffect, Effect, EffectParameter, MjcfPlace
 from simgap.effects.commands import InputEffect, MemoryInputEffect, StaticInputEffect
 from simgap.errors import UserError
 from simgap.model.symbolic import SymbolicModel
@@ -29,6 +29,7 @@ __all__ = [
     "check_listed",
     "delays_and_lags",
     "effect",
+    "joint_effect",
 ]
 
 
@@ -69,12 +70,17 @@ def effect(name: str) -> Effect:
     return EFFECTS[name]
 
 
+def joint_effect(attribute: str) -> Effect:
+    """The effect that an attribute of a joint states in MJCF: damping, frictionloss, armature or stiffness."""
+    return next(e for e in EFFECTS.values() if e.mjcf == MjcfPlace("joint", (attribute,)))
+
+
 class Declared(Protocol):
     """An effect as a case declares it."""
 
     @property
     def name(self) -> str:
-        """Of the effect."""
+        """Name of the effect."""
 
     @property
     def parameters(self) -> Mapping[str, float]:

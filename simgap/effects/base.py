@@ -151,7 +151,7 @@ class EffectParameter:
 
 @dataclass(frozen=True)
 class MjcfPlace:
-    """Where MuJoCo's format says an effect of one parameter: attributes of a joint, a body or an actuator.
+    """Place where MuJoCo's format says an effect of one parameter: attributes of a joint, a body or an actuator.
 
     A parameter that is 1 at its null multiplies them. Another adds to them, to coefficient `power` where they are those
     of a polynomial: of v |v|^power for a damping, of q^(power + 1) for a stiffness. `quantity` is the one of the body
@@ -177,40 +177,42 @@ class Effect(ABC):
     rank: ClassVar[int]
     """Where it enters a model that has several: plant, forces, sensors, then the path of a command backwards."""
     remembers: ClassVar[bool] = False
-    """Whether what it does depends on the past beyond the plant's own state."""
+    """True if what it does depends on the past beyond the plant's own state."""
     several_valleys: ClassVar[bool] = False
-    """Whether fits begun at different starts end in different places: then each start is fitted."""
+    """True if fits begun at different starts end in different places: then each start is fitted."""
     jerks: ClassVar[bool] = False
-    """Whether the motion has kinks that move with every number: derivatives are then taken over larger differences."""
+    """True if the motion has kinks that move with every number: derivatives are then taken over larger differences."""
     second: ClassVar[bool] = False
-    """Whether it refines or resembles effects that are tried first: sought where these leave more than noise."""
+    """True if it refines or resembles effects that are tried first: sought where these leave more than noise."""
     last: ClassVar[bool] = False
-    """Whether it is sought in a look of its own, after all others."""
+    """True if it is sought in a look of its own, after all others."""
     by_name: ClassVar[bool] = False
-    """Whether it is sought only where the settings name it."""
+    """True if it is sought only where the settings name it."""
     resembles: ClassVar[tuple[str, ...]] = ()
     """Names of effects that may come within the noise of it: it is tried in their place where one was found."""
     one_curve: ClassVar[bool] = False
-    """Whether its numbers are values of one curve, in one unit: their agreement is then by the size of all of them.
+    """True if its numbers are values of one curve, in one unit: their agreement is then by the size of all of them.
 
     It bends to whatever is left a little, so that it is an answer only where nothing is left."""
     pulls_to_a_place: ClassVar[bool] = False
-    """Whether it pulls a coordinate back to one place: on an angle that winds on it is tried only if it is named."""
+    """True if it pulls a coordinate back to one place: on an angle that winds on it is tried only if it is named."""
     hides_columns: ClassVar[bool] = False
-    """Whether it is so common and so large that a column in a wrong unit may not be seen without it."""
+    """True if it is so common and so large that a column in a wrong unit may not be seen without it."""
+    dry: ClassVar[bool] = False
+    """True if it is friction that holds a coordinate at rest, or nearly so."""
     mjcf: ClassVar[MjcfPlace | None] = None
     """Where MuJoCo's format says it, and a URDF as far as that can; None if neither does."""
     passes_a_constant: ClassVar[bool] = True
-    """Whether a constant added to the command before it arrives as the same constant force behind it."""
+    """True if a constant added to the command before it arrives as the same constant force behind it."""
     excitation: ClassVar[str] = ""
-    """What motion would tell it apart from another effect with the same words."""
+    """Advice on the motion that would tell it apart from other effects."""
     reading_remedy: ClassVar[str] = ""
-    """What to do about an effect of the readings alone, which a simulator's twin must not act out."""
+    """Remedy for an effect of the readings alone, which a simulator's twin must not act out."""
     needs: ClassVar[str] = "nothing beyond what every plant has"
-    """What a plant must have for it, told where it has no target."""
+    """Property that a plant must have for it, told where it has no target."""
 
     begin: ClassVar[tuple[float, ...] | None] = None
-    """Of a time: sampling intervals from which a search begins."""
+    """Starts of a time, in sampling intervals, from which a search begins."""
     short: ClassVar[str] = ""
     """A noun phrase without numbers, `{on}` its place: 'Coulomb friction at the {on}'; from the name if not given."""
     long: ClassVar[str] = ""
@@ -219,7 +221,7 @@ class Effect(ABC):
 
     @abstractmethod
     def targets(self, model: SymbolicModel) -> tuple[str, ...]:
-        """What the effect can act on in this model (its possible `on`)."""
+        """Names on which the effect can act in this model (its possible `on`)."""
 
     def sought_on(self, model: SymbolicModel) -> tuple[str, ...]:
         """The targets on which a search tries it: all, but for those where it is another effect under a second name."""
@@ -234,27 +236,27 @@ class Effect(ABC):
         return {p.symbol: p.unit for p in self.parameters}
 
     def starts(self, scales: Scales) -> tuple[Start, ...]:
-        """Where a search for the effect begins: at the times of `begin`, or with the derivatives at its null."""
+        """Starts of a search for the effect: at the times of `begin`, or with the derivatives at its null."""
         own = self.parameters
         if self.begin is None:
             return (Start(len(own), lambda c: {p.symbol: p.null + x for p, x in zip(own, c, strict=True)}),)
         return tuple(multiple(own[0].symbol, k * scales.interval) for k in self.begin)
 
     def beyond(self, contained: Mapping[str, float], start: Mapping[str, float]) -> dict[str, float]:
-        """Where to begin from the fit of the effect that this one contains, and from one of its own starts."""
+        """Values to begin with, from the fit of the effect that this one contains and from one of its own starts."""
         return {**start, **contained}
 
     def restates(
         self, model: SymbolicModel, on: str, found: Sequence[AppliedEffect], measured: Sequence[str] = ()
     ) -> tuple[frozenset[int], dict[str, float]] | None:
-        """Which of the effects that were found it looks as, exactly, and with which values; None if none.
+        """Numbers of the effects that were found which it equals exactly, and its values then; None if it equals none.
 
         `measured`: the states that are read.
         """
         return None
 
     def surfaces(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> tuple[sp.Expr, ...]:
-        """Where the effect switches or changes faster than a grid may see: expressions, each 0 on one such surface.
+        """Surfaces where the effect switches or changes faster than a grid may see: expressions, 0 on one each.
 
         They are over the names of the model's states and inputs; the gap is sampled on both sides. None by default.
         """
@@ -284,7 +286,7 @@ class Effect(ABC):
         return f"{self.phrase(on)} ({numbers})" if numbers else self.phrase(on)
 
     def physical(self, values: Mapping[str, float]) -> bool:
-        """Whether the values obey the sign constraints."""
+        """True if the values obey the sign constraints."""
         return all(p.lower <= values[p.symbol] <= p.upper for p in self.parameters)
 
     def check_target(self, model: SymbolicModel, on: str) -> None:
@@ -359,7 +361,7 @@ class WheelEffect(WheeledTarget):
 
     @abstractmethod
     def turned(self, left: Any, right: Any, values: Mapping[str, Any]) -> tuple[Any, Any]:
-        """How fast the left and the right wheel turn at their rims that are told to turn so fast, m/s.
+        """Speeds of the left and the right wheel at their rims, m/s, where these were commanded.
 
         Numbers, or expressions of these.
         """
@@ -410,6 +412,10 @@ class CoordinateEffect(CoordinateTarget):
         """Add the force to the equations of motion."""
         c = model.coordinate(on)
         return model.with_force(on, self.force(symbol(c.position), symbol(c.velocity), values))
+
+    def surfaces(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> tuple[sp.Expr, ...]:
+        """Rest, where dry friction turns round; none of another force."""
+        return (symbol(model.coordinate(on).velocity),) if self.dry else ()
 
 
 class MemoryForceEffect(CoordinateTarget):

@@ -77,7 +77,7 @@ class StaticInputEffect(InputEffect):
 
     @abstractmethod
     def applied(self, command: sp.Expr, values: Values) -> sp.Expr:
-        """What the plant feels for this command."""
+        """The input that the plant feels for this command."""
 
     def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
         """Replace the command by what it becomes."""
@@ -85,7 +85,7 @@ class StaticInputEffect(InputEffect):
 
 
 class DriveEffect(Effect):
-    """What becomes of an input that is a force on a coordinate, at the speed of that coordinate.
+    """A change of an input that is a force on a coordinate, by the speed of that coordinate.
 
     It comes after everything else on the path of the command; an engine of joints acts it out at each of its steps.
     """

@@ -43,7 +43,7 @@ class Law:
     read: sp.Expr = 0
 
     def __add__(self, other: Law) -> Law:
-        """Of two, of which one at most acts."""
+        """The law of two effects, of which one at most acts."""
         return Law(*(a + b for a, b in zip(self.numbers, other.numbers, strict=True)))
 
     def torque(self, twist: sp.Expr, rate: sp.Expr) -> sp.Expr:
@@ -65,7 +65,7 @@ class Law:
 
 
 class DriveTrainEffect(CoordinateTarget):
-    """What lies between a motor and a link: two states more, the motor's place p and speed r, seen at the joint.
+    """A transmission between motor and link: two states more, the motor's place p and speed r, seen at the joint.
 
     The motor's inertia comes on top of what is declared, which is the link's. Without it nothing changes.
     """
@@ -153,7 +153,7 @@ class JointElasticity(DriveTrainEffect):
         return tuple(at(*each) for each in product((0.03, 0.2), (4.0, 8.0, 16.0)))
 
     def physical(self, values: Mapping[str, float]) -> bool:
-        """What swings: at half of the critical damping and above it is friction that holds a motor, or play."""
+        """True if it swings: at half of the critical damping and above it is friction that holds a motor, or play."""
         return super().physical(values) and values["c"] ** 2 <= values["k"] * values["I"]
 
     def law(self, values: Values) -> Law:

@@ -38,7 +38,7 @@ class ConstantForce(CoordinateEffect):
     parameters = (EffectParameter("F_0", "{force}", "force", null=0.0),)
 
     def sought_on(self, model: SymbolicModel) -> tuple[str, ...]:
-        """Where no input is a force on the same coordinate: there it is the input's bias."""
+        """Coordinates on which no input is a force: on others it is the input's bias."""
         return tuple(on for on in self.targets(model) if not driven_by(model, on))
 
     def restates(

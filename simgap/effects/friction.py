@@ -43,6 +43,7 @@ class CoulombFriction(CoordinateEffect):
     """Resistance of constant size against the motion; at rest it holds up to the same size."""
 
     name = "coulomb_friction"
+    dry = True
     short = "Coulomb friction at the {on}"
     long = "Coulomb friction of {F_c} at the {on}"
     formula = "F = -F_c sign(v), and any |F| <= F_c that keeps v = 0"
@@ -56,10 +57,6 @@ class CoulombFriction(CoordinateEffect):
         """-F_c sign(v)."""
         return -values["F_c"] * sp.sign(velocity)
 
-    def surfaces(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> tuple[sp.Expr, ...]:
-        """Rest, where the force turns round."""
-        return (symbol(model.coordinate(on).velocity),)
-
 
 _FLANK = (0.25, 0.5, 1.0, 2.0)  # shares of the Stribeck speed between which the peak falls by exp(-4)
 
@@ -68,6 +65,7 @@ class StribeckFriction(CoordinateEffect):
     """Dry friction that is larger near rest and falls to the Coulomb level as speed grows."""
 
     name = "stribeck_friction"
+    dry = True
     short = "Stribeck friction at the {on}"
     long = "Stribeck friction at the {on} ({F_s} to break away, {F_c} when sliding)"
     contains = CoulombFriction
@@ -153,6 +151,7 @@ class DahlFriction(MemoryForceEffect):
     """
 
     name = "dahl_friction"
+    dry = True
     short = "Dahl friction at the {on}"
     long = "Dahl friction of {F_c} at the {on} that turns round over {d}"
     second = True
@@ -202,6 +201,7 @@ class LuGreFriction(MemoryForceEffect):
 
     name = "lugre_friction"
     by_name = True  # five numbers beside Dahl's two, for what few records show
+    dry = True
     short = "LuGre friction at the {on}"
     long = "LuGre friction of {F_c} at the {on}, {rise:%} more below {v_s}, that turns round over {d}"
     second = True
@@ -257,6 +257,7 @@ class DirectionalFriction(CoordinateEffect):
     """
 
     name = "directional_friction"
+    dry = True
     long = "directional friction at the {on} ({F_p} forwards, {F_m} backwards)"
     contains = CoulombFriction
     formula = "F = -F_p for v > 0, F_m for v < 0, and any force from -F_p to F_m that keeps v = 0"
@@ -293,7 +294,3 @@ class DirectionalFriction(CoordinateEffect):
         if abs(push) > level:
             return None
         return frozenset({i, j}), {"F_p": level - push, "F_m": level + push}
-
-    def surfaces(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> tuple[sp.Expr, ...]:
-        """Rest, where the force turns round."""
-        return (symbol(model.coordinate(on).velocity),)

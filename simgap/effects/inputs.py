@@ -32,7 +32,7 @@ class InputGain(StaticInputEffect):
         return values["ratio"] * command
 
     def describe(self, on: str, quoted: Quoted) -> str:
-        """How far the gain is off, and whether it is reversed."""
+        """Deviation of the gain, and whether it is reversed."""
         if quoted.value("ratio") < 0.0:
             return f"a reversed {on} (wrong sign), with a gain of {quoted.number('ratio')} times the declared one"
         return f"a gain of {on} that is {quoted.deviation()} the declared one"
@@ -63,7 +63,7 @@ class InputDirectionalGain(StaticInputEffect):
         return values["ratio_p"] * up + values["ratio_m"] * down
 
     def surfaces(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> tuple[sp.Expr, ...]:
-        """Where the sign of the command changes."""
+        """Command 0, where its sign changes."""
         return (symbol(on),)
 
 
@@ -225,7 +225,7 @@ class InputCurve(StaticInputEffect):
         return sp.sign(command) * curve
 
     def surfaces(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> tuple[sp.Expr, ...]:
-        """Where the curve bends: both signs, their knots."""
+        """Commands where the curve bends: both signs, their knots."""
         return symbol(on), *both_sides(symbol(on), values["U"] / 2, values["U"])
 
 

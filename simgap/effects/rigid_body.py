@@ -53,7 +53,7 @@ class ParameterError(Effect):
         return f"the {words} of the {owner}" if owner else f"the parameter {on}"
 
     def describe(self, on: str, quoted: Quoted) -> str:
-        """How far the property is off."""
+        """Deviation of the property."""
         noun = self.phrase(on).removeprefix("the ")
         return f"{'an' if noun[0] in 'aeiou' else 'a'} {noun} that is {quoted.deviation()} its declared value"
 

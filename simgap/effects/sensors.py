@@ -75,7 +75,7 @@ class SensorGain(Effect):
 
 
 def is_linear(model: SymbolicModel) -> bool:
-    """Whether the rates are linear in states and inputs, without a constant term."""
+    """True if the rates are linear in states and inputs, without a constant term."""
     moving = [v.symbol for v in (*model.states, *model.inputs)]
     rates = [sp.expand(e) for e in model.numeric()]
     slopes = [sp.diff(e, v) for e in rates for v in moving]

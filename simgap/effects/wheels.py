@@ -95,6 +95,6 @@ class RollingResistance(WheelEffect):
         return left - most(-loss, least(left, loss)), right - most(-loss, least(right, loss))
 
     def surfaces(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> tuple[sp.Expr, ...]:
-        """Where either wheel begins to turn."""
+        """Commands at which either wheel begins to turn."""
         rims = () if model.wheels is None else rim_speeds(model.wheels)
         return tuple(surface for rim in rims for surface in both_sides(rim, values["loss"]))

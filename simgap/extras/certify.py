@@ -56,7 +56,7 @@ HARDWARE = "That the simulator, or its equations, describe the real plant."
 
 @dataclass(frozen=True, eq=False)
 class Reached:
-    """What is to be reached, and what to be avoided.
+    """Target that is to be reached, and obstacles that are to be avoided.
 
     Attributes:
         target, obstacles: boxes over all states, infinite along those that they do not bound.
@@ -76,7 +76,7 @@ class Reached:
 
 @dataclass(frozen=True, eq=False)
 class Certified:
-    """What a certificate is made of.
+    """Content of a certificate.
 
     Attributes:
         case: its name. units: by state and input.

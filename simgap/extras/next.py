@@ -38,7 +38,7 @@ _MOST_NAMED = 3
 
 
 def paragraph(question: Question, advice: Advice, units: Mapping[str, str], file: str) -> str:
-    """What cannot be told apart, what to record, how sure one will be, and what else would help."""
+    """Sentences: what cannot be told apart, what to record, how sure one will be, and what else would help."""
     rivals, best = advice.known.rivals, advice.proposal.best
     labels = [r.label for r in rivals]
     shown = labels if len(labels) <= _MOST_NAMED else [*labels[:_MOST_NAMED], f"{len(labels) - _MOST_NAMED} more"]
@@ -110,7 +110,7 @@ def _certainty(advice: Advice) -> str:
 
 
 def _besides_them(advice: Advice) -> str:
-    """What else the recording would show, and what a longer one would."""
+    """Sentences on what else the recording would show, and what a longer one would."""
     text = (
         "Another effect beside them, no larger than these recordings leave it, would be named with a probability of "
         f"{_percent(advice.proposal.shown)}."
@@ -134,7 +134,7 @@ def lengths_in_words(advice: Advice) -> str:
 
 
 def _seconds(advice: Advice) -> tuple[str, str]:
-    """How long the proposed recording is, and the longest that was tried."""
+    """Length of the proposed recording, and of the longest that was tried."""
     t, whole = advice.bench.t, (advice.longest or advice.proposal).best
     assert whole is not None
     return f"{t[-1] - t[0]:.3g} s", f"{(t[1] - t[0]) * (len(whole.u) - 1):.3g} s"
@@ -145,7 +145,7 @@ def _percent(probability: float) -> str:
 
 
 def _besides(advice: Advice) -> str:
-    """What tells those apart that no input does."""
+    """Clause on what tells those explanations apart that no input does."""
     if advice.remedy is None:
         return ": take whichever is simpler to correct"
     return f"; to separate these, {advice.remedy.sentence} (probability {_percent(advice.remedy.probability)})"
@@ -310,7 +310,7 @@ def _limits(context: Context, record: Record) -> tuple[Box, Floats, Floats]:
 
 
 def _stamps(context: Context, record: Record, settings: DiagnosisSettings, seconds: float | None) -> Floats:
-    """Of the longest recording that may be proposed; of the one that is, where its length is given."""
+    """Stamps (n,), s, of the longest recording that may be proposed, or of one of the given length."""
     domain = context.case.domain
     steps = np.concatenate([np.diff(t.t) for t in record.traces])
     dt = domain.tau if domain is not None else float(np.median(steps))

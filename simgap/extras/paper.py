@@ -54,7 +54,7 @@ class Measured:
 
 @dataclass(frozen=True)
 class Allowed:
-    """What synthesis finds with the printed gamma: cells, target cells among them, and the refusal if there is one."""
+    """Result of synthesis with the printed gamma: cells, target cells among them, and the refusal if there is one."""
 
     winning: int
     target: int
@@ -183,7 +183,7 @@ def _constant(form: Form) -> float:
 
 
 def table(content: Mapping[str, Any]) -> str:
-    """What the printed bounds allow and printed beside reproduced numbers, as lines of text."""
+    """Lines of text: what the printed bounds allow, and printed beside reproduced numbers."""
     lines = []
     for name, part in content.items():
         found = part["allowed"]

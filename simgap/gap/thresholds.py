@@ -23,7 +23,7 @@ MOST_BORDER_STATES = 50_000
 """States that are listed on borders and beside surfaces at most; a lattice with more is thinned."""
 
 CHECK_LEVELS = 40
-"""Of the random lattice of states on borders that check a bound, along each axis: 160 states on faces in the plane."""
+"""Levels along each axis of the random lattice of border states that check a bound: 160 on faces in the plane."""
 
 LEAST_CHECKED_BORDER = 1_000
 """States on borders that check a bound, at most: as many as the grid has, but never fewer than these. With 40 levels on

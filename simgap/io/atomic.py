@@ -1,10 +1,15 @@
 """Files appear whole or not at all; what a killed process left half-written is removed by the next writer.
 
+Results carry a checksum: 64 hexadecimal digits in the file itself, the SHA-256 of all its bytes with these digits as
+zeros. They stand where other programs still read the file: in the last key of JSON, in the metadata of Parquet, in the
+comment of a zip archive.
+
 Nothing is written through a link: a folder may come from a stranger, and its links lead to files of others.
 """
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 import os
 import platform
@@ -25,6 +30,10 @@ KILL_AT = "SIMGAP_KILL_AT"
 _REMOVE = "Remove it, or name the place that it leads to."
 _NO_FOLDER = "is not a folder, but results go below it"
 _passed = itertools.count(1)
+_SEAL = b"sha256:"
+_ZEROS = "0" * 64
+SEAL = _SEAL.decode() + _ZEROS
+"""Text that a writer leaves in a file for its checksum."""
 
 
 @contextmanager
@@ -51,6 +60,35 @@ def atomic(path: Path) -> Iterator[Path]:
         _may_be_killed()
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def sealed(path: Path) -> Iterator[Path]:
+    """A temporary neighbour, as `atomic`; the last `SEAL` in it becomes its checksum when the block ends."""
+    with atomic(path) as temporary:
+        yield temporary
+        data = reading.read_bytes(temporary)
+        place = data.rindex(SEAL.encode()) + len(_SEAL)
+        with temporary.open("r+b") as stream:
+            stream.seek(place)
+            stream.write(_checksum(data, place))
+
+
+def seal_holds(data: bytes) -> bool | None:
+    """True if the bytes of a file are those that were written, by their checksum; None if they carry none."""
+    place = data.rfind(_SEAL) + len(_SEAL)
+    stated = data[place : place + len(_ZEROS)]
+    if place < len(_SEAL) or not re.fullmatch(rb"[0-9a-f]{64}", stated):
+        return None
+    return stated == _checksum(data, place)
+
+
+def _checksum(data: bytes, place: int) -> bytes:
+    view = memoryview(data)
+    found = hashlib.sha256(view[:place])
+    found.update(_ZEROS.encode())
+    found.update(view[place + len(_ZEROS) :])
+    return found.hexdigest().encode()
 
 
 def not_linked(path: Path) -> Path:

@@ -8,13 +8,13 @@ units of the case; they say -1 (Python: raise) where it has no input.
 
 from __future__ import annotations
 
-import hashlib
+import io
 import json
 import math
 import re
 import zipfile
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from textwrap import wrap
 from typing import Any
@@ -26,7 +26,7 @@ from simgap import reading
 from simgap.arrays import Bools, Ints
 from simgap.errors import UserError
 from simgap.geometry import Box, Grid
-from simgap.io.atomic import atomic, write_text
+from simgap.io.atomic import SEAL, seal_holds, sealed, write_text
 from simgap.io.pages import text
 from simgap.plants.context import Context
 from simgap.reading import TooLarge, require_room
@@ -162,7 +162,6 @@ def _check_sets(s: Solution) -> None:
 
 REMEDY = "Run the synthesis stage again."
 FEWER = "Use a machine with more memory, fewer cells (synthesis.cells) or fewer inputs (domain.U)."
-CHECKSUM = "sha256"
 _NEEDED = {"about", "box", "cells", "input_set", "winning", "free"}
 _INPUTS = ("mask", "chosen", "acting")  # arrays that say which inputs are admissible, most of a file's bytes
 
@@ -199,12 +198,11 @@ def save_controller(controller: Controller, path: Path | str) -> None:
         arrays |= {"value": s.value, "target": np.packbits(s.target)}
     if s.acting is not None:
         arrays["acting"] = s.acting
-    arrays[CHECKSUM] = checksum(arrays)
     try:
         require_room(sum(array.nbytes for array in arrays.values()))
     except TooLarge as error:
         raise UserError(f"the controller {error.problem}", remedy=FEWER) from None
-    with atomic(Path(path)) as temporary:
+    with sealed(Path(path)) as temporary:
         write_arrays(temporary, arrays)
 
 
@@ -219,16 +217,16 @@ def load_controller(path: Path | str) -> Controller:
 
 def _load(path: Path | str, whole: bool) -> Controller:
     try:
-        with reading.opened(Path(path)) as stream, zipfile.ZipFile(stream) as archive:
+        data = reading.read_bytes(Path(path))
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
             require_room(sum(entry.file_size for entry in archive.infolist()))
             names = [name.removesuffix(".npy") for name in archive.namelist()]
             require({*names} >= _NEEDED and ("mask" in names) != ("chosen" in names), "parts of it are missing")
-            require(CHECKSUM in names, "it has no checksum, so nothing says that it is whole")
-            stated = read_array(archive, CHECKSUM)
-            whole = whole or stated.ndim == 1  # an earlier version's, one checksum of everything
-            arrays = {n: read_array(archive, n) for n in names if n != CHECKSUM and (whole or n not in _INPUTS)}
+            holds = seal_holds(data)
+            require(holds is not None, "it has no checksum, so nothing says that it is whole")
+            require(holds, "its checksum does not fit its content")
+            arrays = {name: read_array(archive, name) for name in names if whole or name not in _INPUTS}
         about = json.loads(arrays["about"].tobytes().decode())
-        require(fits(stated, arrays, sorted({*names} - {CHECKSUM})), "its checksum does not fit its content")
         return controller_from(about, arrays)
     except FileNotFoundError:
         raise UserError("there is no such controller", file=path, remedy="Run the synthesis stage") from None
@@ -302,8 +300,9 @@ _PIECE = 2**20  # bytes read_array at a time
 
 
 def write_arrays(path: Path, arrays: Arrays) -> None:
-    """Write arrays in their order."""
+    """Write arrays in their order, and a place for their checksum."""
     with zipfile.ZipFile(path, "w") as archive:
+        archive.comment = SEAL.encode()
         for name, array in arrays.items():
             entry = zipfile.ZipInfo(f"{name}.npy", _EPOCH)
             entry.compress_type = zipfile.ZIP_DEFLATED
@@ -335,28 +334,6 @@ def read_array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
             place[done : done + len(piece)] = piece
             done += len(piece)
     return array
-
-
-def checksum(arrays: Arrays) -> NDArray[np.uint8]:
-    """A row for each array in the order of their names: of name, type, shape, bytes; so some can be read alone."""
-    return np.stack([np.frombuffer(_hashed(arrays, [name]), np.uint8) for name in sorted(arrays)])
-
-
-def fits(stated: NDArray[np.uint8], arrays: Arrays, names: Sequence[str]) -> bool:
-    """True if the checksum is that of the arrays that were read, of those `names` that the file has."""
-    if stated.ndim == 1:
-        return np.array_equal(stated, np.frombuffer(_hashed(arrays, sorted(arrays)), np.uint8))
-    rows = [names.index(name) for name in sorted(arrays)]
-    return len(stated) == len(names) and np.array_equal(stated[rows], checksum(arrays))
-
-
-def _hashed(arrays: Arrays, names: Sequence[str]) -> bytes:
-    found = hashlib.sha256()
-    for name in names:
-        array = np.ascontiguousarray(arrays[name])
-        found.update(f"{name} {array.dtype.str} {array.shape};".encode())
-        found.update(array.reshape(-1).view(np.uint8).data)
-    return found.digest()
 
 
 ENDINGS = (".h", ".py")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 from collections.abc import Mapping
@@ -13,7 +12,7 @@ import numpy as np
 
 from simgap import reading
 from simgap.errors import UserError, excerpt
-from simgap.io.atomic import write_text
+from simgap.io.atomic import SEAL, seal_holds, sealed
 from simgap.reading import JSON_HELD
 
 CHECKSUM = "checksum"
@@ -37,17 +36,12 @@ def plain(value: Any) -> Any:
     return value
 
 
-def checksum(content: Any) -> str:
-    """A hash of plain content, whatever the order of its keys and the spaces between them."""
-    text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
-    return f"sha256:{hashlib.sha256(text.encode()).hexdigest()}"
-
-
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write a result atomically, its checksum (key `checksum`, which content cannot have) last."""
     body = plain({key: value for key, value in content.items() if key != CHECKSUM})
-    whole = body | {CHECKSUM: checksum(body)}
-    write_text(path, json.dumps(whole, indent=1, ensure_ascii=False) + "\n")
+    text = json.dumps(body | {CHECKSUM: SEAL}, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    with sealed(path) as temporary:
+        temporary.write_bytes(text.encode(errors="backslashreplace"))
 
 
 def read_json(path: Path) -> dict[str, Any]:
@@ -57,16 +51,18 @@ def read_json(path: Path) -> dict[str, Any]:
         UserError: missing, damaged, edited or foreign file.
     """
     try:
-        content = json.loads(reading.read_bytes(path, MOST).decode(), object_pairs_hook=_distinct,
-                             parse_constant=_no_constant, parse_float=_finite)  # fmt: skip
+        data = reading.read_bytes(path, MOST)
+        content = json.loads(
+            data.decode(), object_pairs_hook=_distinct, parse_constant=_no_constant, parse_float=_finite
+        )
     except FileNotFoundError:
         raise UserError("the file does not exist", file=path, remedy="Run the stage that makes it.") from None
     except (OSError, ValueError, RecursionError) as error:
         raise UserError(f"damaged: {excerpt(error)}", file=path, remedy=REMEDY) from None
     if not isinstance(content, dict) or CHECKSUM not in content:
         raise UserError("damaged: not a result of simgap, or its checksum is missing", file=path, remedy=REMEDY)
-    stated = content.pop(CHECKSUM)
-    if stated != checksum(content):
+    content.pop(CHECKSUM)
+    if not seal_holds(data):
         raise UserError(
             "damaged: the checksum does not fit the content, which was changed after it was written",
             file=path,

@@ -90,7 +90,7 @@ def _mjcf_of(case: Case, urdf: Path) -> Any:
 
 
 def _is_in_mjcf(spec: Any, given: AppliedEffect) -> bool:
-    """Whether the effect is in the model now; an older MuJoCo has the first coefficient of a polynomial alone."""
+    """True if the effect is in the model now; an older MuJoCo has the first coefficient of a polynomial alone."""
     effect = EFFECTS[given.name]
     place = effect.mjcf
     if place is None:
@@ -114,7 +114,7 @@ def _is_in_mjcf(spec: Any, given: AppliedEffect) -> bool:
 
 
 def _is_in_urdf(robot: ElementTree.Element, given: AppliedEffect) -> bool:
-    """Whether the effect is in the tree now: on `<dynamics>` of a joint, or as a denser link of the same shape."""
+    """True if the effect is in the tree now: on `<dynamics>` of a joint, or as a denser link of the same shape."""
     place = EFFECTS[given.name].mjcf
     if place is None:
         return False
@@ -132,7 +132,7 @@ def _is_in_urdf(robot: ElementTree.Element, given: AppliedEffect) -> bool:
 
 
 def _is_denser(robot: ElementTree.Element, given: AppliedEffect) -> bool:
-    """Whether the inertia of the link was scaled along with its mass."""
+    """True if the inertia of the link was scaled along with its mass."""
     owner, _, quantity = given.on.rpartition(".")
     link = next((e for e in robot.findall("link") if e.get("name") == owner), None)
     if quantity != "mass" or link is None:

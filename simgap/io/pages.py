@@ -19,7 +19,7 @@ _PACKAGED, _CHECKOUT = (reading.real(Path(__file__)).parents[k] / n for k, n in 
 
 
 def folder() -> Path:
-    """Where the templates are."""
+    """Folder of the templates."""
     return _PACKAGED if _PACKAGED.is_dir() else _CHECKOUT
 
 
@@ -62,18 +62,11 @@ def library(name: str) -> str:
 
 def render(template: str, **content: Any) -> str:
     """A page from a template, printable; figures given as SVG text are put in as they are, all else is escaped."""
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
     from markupsafe import Markup
 
     from simgap.diagnosis.verdict.words import phrase
 
-    environment = Environment(
-        loader=FileSystemLoader(folder()),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = _environment(autoescape=True)
     environment.filters |= {
         "number": number,
         "unit": pretty_unit,
@@ -105,10 +98,12 @@ def _with_contents(page: str) -> str:
 
 def text(template: str, **content: Any) -> str:
     """A plain text from a template."""
+    environment = _environment(keep_trailing_newline=True)  # no escapes: what is made is no HTML
+    return environment.get_template(template).render(**content)
+
+
+def _environment(**options: Any) -> Any:
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-    environment = Environment(
-        loader=FileSystemLoader(folder()), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )  # fmt: skip  # no escapes: what is made is no HTML
-    return environment.get_template(template).render(**content)
+    loader = FileSystemLoader(folder())
+    return Environment(loader=loader, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, **options)

@@ -1,14 +1,8 @@
-"""Tables with units and provenance, written atomically with zstd, and a checksum over every byte of their file.
-
-The footer of a file has the key `simgap.sha256` with 64 hexadecimal digits: the SHA-256 of the whole file with these
-digits taken as zeros, so that other readers still read it. Page checksums would leave the footer open.
-"""
+"""Tables with units and provenance, and a checksum of the whole file: those of pages leave the footer open."""
 
 from __future__ import annotations
 
-import hashlib
 import json
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,7 +12,7 @@ import numpy as np
 from simgap import reading
 from simgap.arrays import Floats
 from simgap.errors import UserError, excerpt
-from simgap.io.atomic import atomic
+from simgap.io.atomic import SEAL, seal_holds, sealed
 from simgap.late import pyarrow as pa
 from simgap.late import pyarrow_parquet as pq
 from simgap.reading import require_room, table_size
@@ -57,17 +51,9 @@ def _constant(value: Any, rows: int) -> pa.Array:
 
 def write_parquet(path: Path, content: pa.Table) -> None:
     """Write a table with a checksum over all of its file; a reader never sees half of it."""
-    with atomic(path) as temporary:
-        with pq.ParquetWriter(temporary, content.schema, compression="zstd") as writer:
-            writer.write_table(content)
-            writer.add_key_value_metadata({CHECKSUM_KEY: ZEROS})
-        data = reading.read_bytes(temporary)
-        found = stated_checksum(data)
-        if found is None:
-            raise RuntimeError("Parquet files are laid out in another way than this version of simgap knows")
-        with temporary.open("r+b") as stream:
-            stream.seek(found[0])
-            stream.write(computed_checksum(data, found[0]).encode())
+    with sealed(path) as temporary, pq.ParquetWriter(temporary, content.schema, compression="zstd") as writer:
+        writer.write_table(content)
+        writer.add_key_value_metadata({"simgap.checksum": SEAL})
 
 
 def read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
@@ -78,7 +64,7 @@ def read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
     """
     try:
         data = reading.read_bytes(path)
-        if not checksum_holds(data):
+        if not seal_holds(data):
             raise pa.ArrowInvalid("its checksum is missing or does not fit its content")
         source = pq.ParquetFile(pa.BufferReader(data))
         require_room(table_size(source.metadata, len(columns) if columns else source.metadata.num_columns))
@@ -103,35 +89,3 @@ def columns_of(content: pa.Table) -> dict[str, Any]:
 def stack(content: pa.Table, names: Sequence[str]) -> Floats:
     """Columns side by side: -> (rows, len(names)) float64."""
     return np.stack([content.column(n).to_numpy() for n in names], axis=-1)
-
-
-CHECKSUM_KEY = b"simgap.sha256"
-ZEROS = b"0" * 64
-_PLACE = re.compile(
-    re.escape(CHECKSUM_KEY) + rb".{2}([0-9a-f]{64})", re.DOTALL
-)  # two bytes of Thrift: field and length
-_FOOTER_END = 8  # four bytes with the length of the footer, then PAR1
-
-
-def stated_checksum(data: bytes) -> tuple[int, str] | None:
-    """Where the checksum stands in the bytes of a file, and what it says; None for a file that carries none."""
-    if len(data) < _FOOTER_END:
-        return None
-    footer = int.from_bytes(data[-_FOOTER_END:-4], "little")
-    found = list(_PLACE.finditer(data, max(0, len(data) - _FOOTER_END - footer)))
-    return (found[-1].start(1), found[-1].group(1).decode()) if found else None
-
-
-def computed_checksum(data: bytes, place: int) -> str:
-    """The checksum of a file whose digits stand at `place`."""
-    view = memoryview(data)
-    found = hashlib.sha256(view[:place])
-    found.update(ZEROS)
-    found.update(view[place + len(ZEROS) :])
-    return found.hexdigest()
-
-
-def checksum_holds(data: bytes) -> bool | None:
-    """Whether the bytes of a file are those that were written; None if the file carries no checksum."""
-    found = stated_checksum(data)
-    return None if found is None else computed_checksum(data, found[0]) == found[1]

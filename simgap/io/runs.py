@@ -1,7 +1,8 @@
 """Runs of the workflow that are at work in a folder: their cases, process, machine and beginning.
 
 Each run keeps a file `.snakemake/simgap/runs/<machine>-<process>.json` under a lock of the operating system for as long
-as its process lives. Who finds the lock free on the same machine knows that the run is gone, and removes the file.
+as its process lives. Who finds the lock free on the same machine knows that the run is gone. The next run that begins
+removes the file and, where no run can be alive, the locks of Snakemake's that a killed one has left.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import threading
 import time
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from tempfile import gettempdir
 
@@ -28,52 +29,6 @@ from simgap.io.atomic import host
 
 LINKED = ("conda", "conda-archive", "shadow", "singularity")
 """Folders of `.snakemake` in which Snakemake itself makes links."""
-_HELD: list[int] = []
-"""Open descriptors: they carry the locks until this process ends."""
-
-
-def join(folder: Path, temporary: Path | None = None) -> bool:
-    """Count this process among the runs in `folder`; whether Snakemake's locks of a run that is gone were removed.
-
-    They stay where another machine may have set them: its processes do not show here. `temporary` is the folder that
-    Snakemake removes when it ends well; those of runs that are gone go too.
-    """
-    kept = folder / ".snakemake"
-    try:
-        kept.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(kept / "simgap.lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
-    except OSError:
-        return False  # Snakemake says what is wrong with the folder
-    _HELD.append(descriptor)
-    removed = False
-    try:
-        with suppress(BlockingIOError):  # others are alive here
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            removed = _tidy(kept / "locks", descriptor)
-        fcntl.flock(descriptor, fcntl.LOCK_SH)
-        if temporary is not None:
-            os.lseek(descriptor, 0, os.SEEK_END)
-            os.write(descriptor, f"\n{temporary}".encode())
-    except OSError:
-        return removed  # a file system without locks: Snakemake's own are all there is
-    return removed
-
-
-def _tidy(locks: Path, descriptor: int) -> bool:
-    """Remove what is left if the last run here was of this machine; then name this machine as that of the last run."""
-    left = locks.is_dir() and any(locks.iterdir())
-    last, *folders = os.pread(descriptor, 1 << 20, 0).decode(errors="replace").split("\n")
-    if last != host():
-        if left:
-            return False
-        folders = []
-    for folder in folders:
-        _remove_temporary(Path(folder))
-    if left:
-        shutil.rmtree(locks)
-    os.ftruncate(descriptor, 0)
-    os.pwrite(descriptor, host().encode(), 0)
-    return left
 
 
 def _remove_temporary(folder: Path) -> None:
@@ -85,11 +40,13 @@ def _remove_temporary(folder: Path) -> None:
 
 
 RUNS = Path(".snakemake/simgap/runs")
+_HELD: list[int] = []
+"""Open descriptors: they carry the locks until this process ends."""
 
 
 @dataclass(frozen=True)
 class WorkflowRun:
-    """A run: its cases, process, machine, beginning (local time) and command.
+    """A run: its cases, process, machine, beginning (local time), command, and the folder that Snakemake removes.
 
     `alive` is None where a machine that is not this one may have it: its processes do not show here.
     """
@@ -99,6 +56,7 @@ class WorkflowRun:
     machine: str
     since: str
     command: str
+    temporary: str = ""
     alive: bool | None = True
 
     def __str__(self) -> str:
@@ -110,44 +68,73 @@ class WorkflowRun:
         )
 
 
-def announce(folder: Path, cases: Sequence[str], command: str) -> list[WorkflowRun]:
-    """Say that this process is a run of these cases in `folder`; the other runs there that are alive."""
-    own = WorkflowRun(list(cases), os.getpid(), platform.node(), time.strftime("%Y-%m-%d %H:%M:%S"), command)
+def announce(
+    folder: Path, cases: Sequence[str], command: str, temporary: Path | None = None
+) -> tuple[list[WorkflowRun], bool]:
+    """Say that this process is a run of these cases in `folder`, and tidy up after runs that were killed.
+
+    Args:
+        temporary: the folder that Snakemake removes when it ends well; the next run does so where it does not.
+
+    Returns:
+        The other runs there that are alive, and whether locks of Snakemake's were removed.
+    """
+    began, tidied = time.strftime("%Y-%m-%d %H:%M:%S"), False
+    own = WorkflowRun(list(cases), os.getpid(), platform.node(), began, command, str(temporary or ""))
     with suppress(OSError):  # a folder that takes no file or no lock: Snakemake says what is wrong with it
         (folder / RUNS).mkdir(parents=True, exist_ok=True)
-        path = folder / RUNS / f"{host()}-{own.process}.json"
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, 0o666)
-        _HELD.append(descriptor)
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        os.write(descriptor, json.dumps(asdict(own)).encode())
-    return [run for run in runs_in(folder) if run.alive]
+        one_at_a_time = os.open(folder / RUNS / "lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
+        try:
+            fcntl.flock(one_at_a_time, fcntl.LOCK_EX)
+            tidied = _tidy(folder)
+            path = folder / RUNS / f"{host()}-{own.process}.json"
+            _HELD.append(os.open(path, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, 0o666))
+            fcntl.flock(_HELD[-1], fcntl.LOCK_EX | fcntl.LOCK_NB)
+            os.write(_HELD[-1], json.dumps(asdict(own)).encode())
+        finally:
+            os.close(one_at_a_time)
+    return [run for run in runs_in(folder) if run.alive], tidied
+
+
+def _tidy(folder: Path) -> bool:
+    """Remove what runs of this machine left, unless one may be alive that left it: True if there were locks."""
+    locks = folder / ".snakemake/locks"
+    left = locks.is_dir() and any(locks.iterdir())
+    known = {path: run for path, run in _records(folder).items() if run is not None}
+    if any(run.alive or (left and run.alive is None) for run in known.values()) or (left and not known):
+        return False
+    for path, run in known.items():
+        _remove_temporary(Path(run.temporary))
+        path.unlink(missing_ok=True)
+    if left:
+        shutil.rmtree(locks)
+    return left
 
 
 def runs_in(folder: Path) -> list[WorkflowRun]:
     """Runs of other processes that are alive in `folder`, or may be: those of other machines; in order of beginning."""
-    files = sorted((folder / RUNS).glob("*.json")) if (folder / RUNS).is_dir() else []
     own = f"{host()}-{os.getpid()}.json"
-    found = [_read(path) for path in files if path.name != own]
-    return sorted((run for run in found if run is not None), key=lambda run: run.since)
+    found = [run for path, run in _records(folder).items() if run is not None and path.name != own]
+    return sorted((run for run in found if run.alive is not False), key=lambda run: run.since)
+
+
+def _records(folder: Path) -> dict[Path, WorkflowRun | None]:
+    return {path: _read(path) for path in (folder / RUNS).glob("*.json")} if (folder / RUNS).is_dir() else {}
 
 
 def _read(path: Path) -> WorkflowRun | None:
-    """The run of a file; None where it is gone, or the file no such file (a stranger may have written it)."""
+    """The run of a file; None of a file that is none (a stranger may have written it)."""
+    from pydantic import TypeAdapter
+
     try:
         with reading.opened_text(path) as stream:
-            alive: bool | None = True
+            alive = None if not path.name.startswith(f"{host()}-") else False
             try:
                 fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
-                alive = None
             except BlockingIOError:
-                pass
-            if alive is None and path.name.startswith(f"{host()}-"):
-                path.unlink(missing_ok=True)
-                return None
-            read = json.loads(stream.read(1 << 16))
-        cases, process = [str(name) for name in read["cases"]], int(read["process"])
-        return WorkflowRun(cases, process, str(read["machine"]), str(read["since"]), str(read["command"]), alive)
-    except (OSError, ValueError, KeyError, TypeError):
+                alive = True
+            return replace(TypeAdapter(WorkflowRun).validate_json(stream.read(1 << 16)), alive=alive)
+    except (OSError, ValueError):
         return None
 
 

@@ -151,7 +151,7 @@ def shown(traces: Sequence[Trace], controller: str) -> Trace:
 
 
 def cut_short(traces: Sequence[Trace], run: Trace) -> float:
-    """How much earlier a run ends than the same controller on the nominal model, s; 0 if that was not kept."""
+    """Time by which a run ends before the same controller on the nominal model, s; 0 if that was not kept."""
     model = twin(traces, run)
     return 0.0 if model is None else model.duration - run.duration
 

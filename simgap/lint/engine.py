@@ -80,7 +80,7 @@ most; those spoilt on purpose (`tests/stages/test_drive.py`) lean by .36 or more
 
 
 def driven_as_told(context: Context, driven: list[Drive]) -> list[Finding]:
-    """Where the robot is slower, faster or wider than told; nothing for an engine without wheels.
+    """Findings where the robot is slower, faster or turns wider than told; none for an engine without wheels.
 
     Raises:
         UserError: a robot that tips over, sinks, stands still or goes another way.
@@ -320,7 +320,7 @@ def of_engine(
 def _query_engine(
     case: Case, folder: Path, x: Any, u: Any
 ) -> tuple[Mapping[str, Link], float, list[Finding] | None, list[Drive]]:
-    """As `ask_engine`, what the engine says of a file in its own format, and how a wheeled robot drives."""
+    """Result of `ask_engine`, findings about a file in the engine's own format, and how a wheeled robot drives."""
     from simgap.simulators.rollouts import findings
 
     return *ask_engine(case, folder, x, u), findings(case, folder), drives(case, folder)

@@ -24,7 +24,7 @@ from simgap.notation import pretty_unit
 from simgap.plants.context import Context
 from simgap.plants.model_file import FileJoint
 from simgap.simulators.rollouts import closed_form
-from simgap.units import PURE, Dimension, dimension, of_base
+from simgap.units import dimension, dimension_text, of_base
 
 HEAVY = 5_000
 """Operations to be compiled beyond which a person is warned; numba's time grows faster than their number. A Furuta
@@ -223,8 +223,8 @@ class Mismatch(ValueError):
     """Dimensions that do not fit together, in words."""
 
 
-def of_expression(expr: sp.Expr, known: Mapping[str, Dimension]) -> Dimension | None:
-    """Dimension of an expression; None where a number of unknown unit decides it.
+def of_expression(expr: sp.Expr, known: Mapping[str, Any]) -> Any:
+    """Dimension of an expression (`units.dimension`); None where a number of unknown unit decides it.
 
     Args:
         expr: in symbols; known: their dimensions by name.
@@ -232,30 +232,32 @@ def of_expression(expr: sp.Expr, known: Mapping[str, Dimension]) -> Dimension | 
     Raises:
         Mismatch: for a sum of different dimensions, or a sine or exponential of something that is no pure number.
     """
+    pure = dimension("1")
     if expr.is_Symbol:
         return known.get(str(expr))
     if expr.is_number:
-        return PURE if expr.is_Rational and Fraction(int(expr.p), int(expr.q)) in _PURE_NUMBERS else None
+        return pure if expr.is_Rational and Fraction(int(expr.p), int(expr.q)) in _PURE_NUMBERS else None
     if isinstance(expr, kinds(_LIKE_ITS_TERMS)):
         return _alike(expr.args, known)
     if isinstance(expr, sp.Mul):
-        return _product([of_expression(a, known) for a in expr.args])
+        factors = [of_expression(a, known) for a in expr.args]
+        return None if None in factors else math.prod(factors, start=pure)
     if isinstance(expr, sp.Pow) and not isinstance(expr, sp.exp):
         return _power(expr, known)
     if isinstance(expr, kinds(_OF_PURE)):
         inner = of_expression(expr.args[0], known)
-        if inner is not None and inner != PURE:
-            raise Mismatch(f"{expr.func.__name__}({expr.args[0]}) is taken of {inner}")
-        return PURE
+        if inner not in (None, pure):
+            raise Mismatch(f"{expr.func.__name__}({expr.args[0]}) is taken of {dimension_text(inner)}")
+        return pure
     if isinstance(expr, sp.Piecewise):
         return _alike([value for value, _ in expr.args], known)
     for a in expr.args:
         if isinstance(a, sp.Expr):
             of_expression(a, known)
-    return PURE if isinstance(expr, kinds(_PURE_RESULT)) else None
+    return pure if isinstance(expr, kinds(_PURE_RESULT)) else None
 
 
-def rate_mismatch(expr: sp.Expr, unit: str, known: Mapping[str, Dimension]) -> str:
+def rate_mismatch(expr: sp.Expr, unit: str, known: Mapping[str, Any]) -> str:
     """Fault of the equation of a state in a unit, in words; "" if there is none.
 
     Args:
@@ -265,44 +267,36 @@ def rate_mismatch(expr: sp.Expr, unit: str, known: Mapping[str, Dimension]) -> s
         found = of_expression(expr, known)
     except Mismatch as wrong:
         return str(wrong)
-    own = dimension(unit)
-    wanted = own.over(dimension("s"))
-    pure = found == own == PURE  # an equation in pure numbers, the second in the ones that stand in it
-    return "" if pure or found in (None, wanted) else f"gives {found}, and the state changes by {wanted}"
+    wanted = dimension(unit) / dimension("s")
+    # equal and pure: an equation in pure numbers, the second in the ones that stand in it
+    fits = found is None or found == wanted or found == dimension(unit) == dimension("1")
+    return "" if fits else f"gives {dimension_text(found)}, and the state changes by {dimension_text(wanted)}"
 
 
-def _alike(terms: Any, known: Mapping[str, Dimension]) -> Dimension | None:
+def _alike(terms: Any, known: Mapping[str, Any]) -> Any:
     """The one dimension of all terms that have one."""
-    first: tuple[sp.Expr, Dimension] | None = None
+    first: tuple[sp.Expr, Any] | None = None
     for term in terms:
         own = of_expression(term, known)
         if own is None:
             continue
         if first is not None and own != first[1]:
-            raise Mismatch(f"adds '{first[0]}' ({first[1]}) and '{term}' ({own})")
+            one, other = dimension_text(first[1]), dimension_text(own)
+            raise Mismatch(f"adds '{first[0]}' ({one}) and '{term}' ({other})")
         first = first or (term, own)
     return first[1] if first else None
 
 
-def _product(factors: list[Dimension | None]) -> Dimension | None:
-    out = PURE
-    for own in factors:
-        if own is None:
-            return None
-        out = out.times(own)
-    return out
-
-
-def _power(expr: sp.Pow, known: Mapping[str, Dimension]) -> Dimension | None:
+def _power(expr: sp.Pow, known: Mapping[str, Any]) -> Any:
     base, exponent = expr.as_base_exp()
     inner = of_expression(base, known)
-    if inner is None or inner == PURE:
+    if inner in (None, dimension("1")):
         return inner
-    return inner.to_the(float(exponent)) if exponent.is_number else None
+    return inner ** float(exponent) if exponent.is_number else None
 
 
 ROUND, LEAST, LARGE = 5.0, 10.0, 100.0
-"""Of what both ends of an angle are multiples when they are degrees, from which size on that says something (a turn and
+"""Number of which both ends of an angle are multiples if in degrees, from which size that says something (a turn and
 a half in rad), and the size beyond which any number is said. Judgement; an angle may wind: it is said, not refused."""
 BEYOND = 3.0
 """How many times an end of X is its joint's limit, beyond which a unit is wrong, if degrees would fit. Judgement."""

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from simgap.config.gap import LipschitzSection
 from simgap.config.plant import AddedEffect
-from simgap.effects import effect
+from simgap.effects import effect, joint_effect
 from simgap.effects.base import CoordinateEffect
 from simgap.effects.commands import DriveEffect
 from simgap.errors import Finding, UserError, placed
@@ -88,11 +88,11 @@ def find_stuck_joints(context: Context) -> list[Finding]:
     case = context.case
     if case.simulator is None or case.domain is None:
         return []
-    found = []
+    found, dry = [], joint_effect("frictionloss")
     for k, added in enumerate(case.simulator.effects):
         for j, (name, own) in enumerate(case.plant.inputs.items()):
             most = float(abs(context.input_set[:, j]).max())
-            force = added.parameters.get("F_c", 0.0) if added.name == "coulomb_friction" else 0.0
+            force = added.parameters.get(dry.parameters[0].symbol, 0.0) if added.name == dry.name else 0.0
             if own.joint != added.on or not force or force < most:
                 continue
             problem = (

@@ -23,7 +23,7 @@ FUNCTIONS = {name: name for name in ("sin", "cos", "tan", "atan", "tanh", "exp",
     "min": "Min",
     "max": "Max",
 }
-"""What may be called, and SymPy's name of it."""
+"""Functions that may be called, and SymPy's names of them."""
 SEVERAL = frozenset({"min", "max"})
 """Functions of one or more arguments; all others have exactly one."""
 LONGEST = 10_000

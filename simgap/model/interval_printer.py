@@ -59,7 +59,7 @@ class IntervalPrinter(PythonCodePrinter):
         return self._nested("ihull", [branch for branch, _ in expr.args])
 
     def _print_Derivative(self, expr: sp.Derivative) -> str:
-        """Of what SymPy cannot differentiate, such as the sign of a quotient: any slope at all."""
+        """Any slope at all, for what SymPy cannot differentiate, such as the sign of a quotient."""
         return "iinv((-1.0, 1.0))"
 
     def _print_Pow(self, expr: sp.Pow, rational: bool = False) -> str:

@@ -16,7 +16,7 @@ from simgap.model.integrators import STAGES, RungeKutta
 from simgap.model.kernel_cache import cached_kernel
 
 MOST_OPERATIONS = 3_000
-"""Of one row of a map: above it, enclosing it on every cell takes longer than any engine would (judgement)."""
+"""Operations of a row of a map: with more, enclosing it on every cell takes longer than an engine would (judgement)."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,15 +29,7 @@ from simgap.late import sympy as sp
 from simgap.model.expressions import parse
 from simgap.model.integrators import sampling_rule
 from simgap.model.sampled import NominalModel
-from simgap.model.symbolic import (
-    Coordinate,
-    NamedParameter,
-    Parameter,
-    PlanarWheels,
-    SymbolicModel,
-    Variable,
-    symbol,
-)
+from simgap.model.symbolic import Coordinate, NamedParameter, Parameter, PlanarWheels, SymbolicModel, Variable, symbol
 from simgap.model.tree import Tree
 from simgap.plants.drake_check import check_declared, check_map, symbolic_plant
 from simgap.plants.urdf import JointState, load_tree, load_urdf

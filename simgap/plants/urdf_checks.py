@@ -45,7 +45,7 @@ _FORMATS = {
 }
 _UNIT = 1e-3  # from length 1, of an axis that is rounded to three decimals
 _ROUNDING = 16.0 * float(np.finfo(np.float64).eps)
-"""What Drake takes for rounding of a moment of inertia, kg m^2, or of the largest if that is more (measured)."""
+"""Excess of a moment of inertia that Drake takes for rounding, kg m^2, or of the largest if that is more (measured)."""
 
 
 def check_urdf(path: Path) -> None:
@@ -313,7 +313,7 @@ def _massless(link: ElementTree.Element) -> bool:
 
 
 def _check_inertia(path: Path, link: ElementTree.Element) -> None:
-    """Of a body's principal moments the largest is at most the sum of the others, and so none is negative."""
+    """Refuse moments that no body has: the largest is at most the sum of the others, and so none is negative."""
     inertia = link.find("inertial/inertia")
     if inertia is None:
         return
@@ -328,7 +328,7 @@ def _check_inertia(path: Path, link: ElementTree.Element) -> None:
 
 
 def principal_moments(inertia: ElementTree.Element | None) -> Floats:
-    """Of an `<inertia>`, kg m^2, ascending (3,); zeros for none."""
+    """Principal moments of an `<inertia>`, kg m^2, ascending (3,); zeros for none."""
     ixx, iyy, izz, ixy, ixz, iyz = (
         0.0 if inertia is None else float(inertia.get(name, "0")) for name in NUMBERS["inertia"]
     )

@@ -1,4 +1,4 @@
-"""What the page of a case says of the audit: counts of the adversary beside those of random samples."""
+"""Content of a case's page about the audit: counts of the adversary beside those of random samples."""
 
 from __future__ import annotations
 

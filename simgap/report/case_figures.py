@@ -48,7 +48,7 @@ def embedded(data: bytes) -> str:
 
 
 def shown_on_the_index(made: Mapping[str, Any], states: int) -> str:
-    """Which figure stands for a case: where the controllers win, or the runs where that takes slices."""
+    """Figure that stands for a case: where the controllers win, or the runs where that takes slices."""
     return "domains" if states == 2 and made.get("domains") is not None else "trajectories"
 
 
@@ -161,7 +161,7 @@ def _margins(m: Material) -> Any:
 
 
 def surroundings(context: Context, axes: tuple[int, int] = (0, 1)) -> Callable[[Any], None]:
-    """What draws the specification over two states on axes of matplotlib."""
+    """Function that draws the specification over two states on axes of matplotlib."""
     specification, space = specification_of(context.case), Space.of(context.case)
     return lambda own: specification.draw(own, space, axes, style.SURROUNDINGS)
 

@@ -1,4 +1,4 @@
-"""What the page of a case says: the verdict, tables and the guarantee, as plain data for the template."""
+"""Content of a case's page: the verdict, tables and the guarantee, as plain data for the template."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def unproven(gap: Mapping[str, Any]) -> str:
 
 
 def between_samples(m: Material) -> dict[str, float]:
-    """How far each state may stray between two samples with the gap-aware controller; empty if nothing says so."""
+    """Distances by which states may stray between samples with the gap-aware controller; empty if nothing says so."""
     said = m.syntheses[GAP_AWARE].get("between_samples") or {}
     return {state: bound for state, bound in said.items() if bound}
 
@@ -111,7 +111,7 @@ def settings(m: Material) -> list[tuple[str, str]]:
 
 
 def twin_sentence(twin: Mapping[str, Any]) -> str:
-    """How far the simulator is from the engine that it stands for, in words."""
+    """Sentence on how far the simulator is from the engine that it stands for."""
     parts = [f"{name} {row['difference']:.2g} {pretty_unit(row['unit'])}" for name, row in twin["largest"].items()]
     total = sum(twin["samples"].values())
     return f"{twin['engine']}: largest difference after one step, over all {total:,} samples: {', '.join(parts)}"

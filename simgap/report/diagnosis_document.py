@@ -85,7 +85,7 @@ def document(
 
 
 def _judgement(found: Diagnosis) -> dict[str, Any]:
-    """How far the answer goes: shares, what is left, what cannot be told apart."""
+    """Judgement on how far the answer goes: shares, what is left, what cannot be told apart."""
     return {
         "explained_share": 1.0 - found.excess_share,
         "explained_error": explained_error(found.explained_error),
@@ -115,14 +115,14 @@ def explained_error(share: tuple[float, float, float] | None) -> dict[str, Any] 
 
 
 def _nearest(n: Nearest | None) -> dict[str, Any] | None:
-    """What comes nearest where nothing is named."""
+    """Set of effects that comes nearest where none is named, as plain data."""
     if n is None:
         return None
     return {"effects": [effect_entry(e) for e in n.effects], "explained_share": n.share, "reasons": n.reasons}
 
 
 def _concentrated(c: Concentrated | None) -> dict[str, Any] | None:
-    """Where the error is."""
+    """Stretches in which the error is, as plain data."""
     if c is None:
         return None
     return {
@@ -134,7 +134,7 @@ def _concentrated(c: Concentrated | None) -> dict[str, Any] | None:
 
 
 def _left_over(over: Sequence[LeftOver] | None) -> list[dict[str, Any]] | None:
-    """What would take away a part of the rest."""
+    """Effects that would take away a part of the rest, as plain data."""
     return None if over is None else [effect_entry(o.effect) | {"share": o.share} for o in over]
 
 
@@ -162,7 +162,7 @@ def _error(j: Judged) -> dict[str, Any]:
 
 
 def _fold(stretches: Stretches, reading: Reading) -> dict[str, Any]:
-    """Which traces, or which windows of them, a fold is made of."""
+    """Traces, or windows of them, of which a fold is made."""
     whole = {t for t, _, _ in stretches if _covers(stretches, reading, t)}
     return {
         "traces": [t.name for t in reading.record.traces if t.name in whole],
@@ -171,7 +171,7 @@ def _fold(stretches: Stretches, reading: Reading) -> dict[str, Any]:
 
 
 def _covers(stretches: Stretches, reading: Reading, trace: str) -> bool:
-    """Whether the stretches of a trace are all of it."""
+    """True if the stretches of a trace are all of it."""
     duration = next(t.duration for t in reading.record.traces if t.name == trace)
     held = sum(b - a for t, a, b in stretches if t == trace)
     return math.isclose(held, duration, rel_tol=0.05)

@@ -73,7 +73,7 @@ def draw(
 def draw_arm(
     document: Mapping[str, Any], traces: Sequence[WindowPrediction], inputs: Sequence[str], folder: Path
 ) -> dict[str, Any]:
-    """As `draw`, of an arm: errors of its torques, and the longest of its traces."""
+    """Figures as those of `draw`, of an arm: errors of its torques, and the longest of its traces."""
     longest, units = sorted(traces, key=lambda p: -len(p.t))[:MOST_ARM_TRACES], document["units"]
     before, after = (document["error"][side]["fit_rmse"] for side in ("before", "after"))
     with style.figure_style():

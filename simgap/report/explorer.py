@@ -24,9 +24,9 @@ from simgap.report.material import Material
 from simgap.report.scene import limits
 
 HEIGHT = 190
-"""Of a row, pixels."""
+"""Height of a row, pixels."""
 MOST_SAMPLES = 4000
-"""Of a trace that are drawn: a page stays below two megabytes with the script in it."""
+"""Samples of a trace that are drawn: a page stays below two megabytes with the script in it."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ LITTLE = 2
 
 
 def verdict(m: Material) -> dict[str, Any]:
-    """Whether the promise was kept, in plain words and figures; a technical sentence on each part of the evidence."""
+    """Verdict on the promise, in plain words and figures, and a technical sentence on each part of the evidence."""
     tallies = m.validation["controllers"]
     gap_aware, nominal = tallies[GAP_AWARE][SIMULATOR], tallies[NOMINAL][SIMULATOR]
     kept, runs = gap_aware["runs_that_kept_the_specification"], gap_aware["runs"]
@@ -50,7 +50,7 @@ def verdict(m: Material) -> dict[str, Any]:
 
 
 def plain(m: Material) -> str:
-    """What happened, for a reader who does not know the terms: both controllers, and the adversary."""
+    """Summary for a reader who does not know the terms: both controllers, and the adversary."""
     tallies, failed = m.validation["controllers"], specification_of(m.context.case).words.failed
     gap_aware, nominal = tallies[GAP_AWARE][SIMULATOR], tallies[NOMINAL][SIMULATOR]
     bad, runs = gap_aware["runs_that_violated_it"], gap_aware["runs"]
@@ -67,7 +67,7 @@ def plain(m: Material) -> str:
 
 
 def _trusting(tally: Mapping[str, Any], failed: str, tau: float) -> str:
-    """What became of the nominal-only controller, after the words that name it."""
+    """Clause on how the nominal-only controller ended, after the words that name it."""
     bad, runs, median = tally["runs_that_violated_it"], tally["runs"], tally.get("median_steps_until_violation")
     if not runs:
         return "promises nothing at any of these starts"
@@ -94,7 +94,7 @@ def tiles(m: Material) -> list[tuple[str, str]]:
 
 
 def little_won(promised: int | None) -> str:
-    """What is to be said of a promise that ends a step or two from the target; `promised` steps are the longest way."""
+    """Sentences where the promise ends a step or two from the target; `promised` steps are the longest way."""
     if promised is None or promised > LITTLE:
         return ""
     samples = "one sample" if promised == 1 else f"{promised} samples"
@@ -119,7 +119,7 @@ def _won(m: Material, kind: str) -> str:
 
 
 def _own_share(m: Material) -> str:
-    """What the gap-aware controller wins of the cells that stay free between samples, where these are fewer."""
+    """Sentence on the share won of the cells that stay free between samples, where these are fewer."""
     found, every = m.syntheses[GAP_AWARE], common_free(m.syntheses)
     if found["free_cells"] == every:
         return ""
@@ -145,7 +145,7 @@ def _violations(tally: Mapping[str, Any], steps: float) -> str:
 
 
 def _sample(m: Material) -> str:
-    """What the number of runs alone says, whatever bound and controller rest on, and what more would."""
+    """Sentence on what the number of runs alone says, whatever bound and controller rest on, and what more would."""
     tally, section = m.validation["controllers"][GAP_AWARE][SIMULATOR], m.context.case.validation
     given = len(section.first) if section is not None else 0
     bad, drawn = tally["runs_that_violated_it"], tally["runs"] - given
@@ -174,7 +174,7 @@ def _arrival(m: Material) -> str:
 
 
 def _baseline(m: Material) -> str:
-    """What the fair baseline did, and what it did not have: the promise."""
+    """Sentence on what the fair baseline did; empty where none ran."""
     tally = m.validation["controllers"].get(BASELINE, {}).get(SIMULATOR)
     if tally is None:
         return ""

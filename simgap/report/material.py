@@ -1,4 +1,4 @@
-"""What the page of a case is made from, in memory."""
+"""Results that the page of a case is made from, in memory."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Corrected:
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """What was read.
+    """Results that were read.
 
     Attributes:
         sweep: the content of every gap.json, largest eps first; gap: of the case's own eps; bound: the function in it.

@@ -1,4 +1,4 @@
-"""What the recording of a case shows, put together from its traces and controllers."""
+"""Content of the recording of a case, put together from its traces and controllers."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Where each gap lies in its bound: {series}.
 
 
 def recording_content(context: Context, traces: list[Trace], nominal: Controller, gap_aware: Controller) -> Content:
-    """What the recording of a case shows."""
+    """Content of the recording of a case."""
     chosen = {kind: shown(traces, kind) for kind in (GAP_AWARE, NOMINAL)}
     lines = [f"- {TITLES[kind]}: run {t.run}, {_fate(t)}" for kind, t in chosen.items()]
     series = ", ".join(f"{n} {SERIES[j % len(SERIES)][1]}" for j, n in enumerate(context.states))
@@ -48,7 +48,7 @@ def recording_content(context: Context, traces: list[Trace], nominal: Controller
 
 
 def _domains(context: Context, controller: Controller) -> str:
-    """What the view of the domains shows: its axes with their ends, and what it says of the other states."""
+    """Words on the view of the domains: its axes with their ends, and for which other states it holds."""
     box, states = controller.grid.box, context.states
     ends = [f"{axis_label(n, context.units)} from {box.lo[j]:g} to {box.hi[j]:g}" for j, n in enumerate(states[:2])]
     where = ", ".join(f"{end} {way}" for end, way in zip(ends, ("across", "up"), strict=False))

@@ -1,4 +1,4 @@
-"""What surrounds the runs of a case: the ends that its states must keep to, and the 3-D scene that they move in."""
+"""Surroundings of the runs of a case: the ends that its states must keep to, and the 3-D scene that they move in."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ BOUND_FIGURES = (
 
 
 def is_signed(gap: Mapping[str, Any]) -> bool:
-    """Whether lower and upper bound were fitted apart."""
+    """True if lower and upper bound were fitted apart."""
     if gap.get("kind") == "cells":  # a table has no program
         return any(np.any(np.add(own["lower"], own["upper"]) != 0.0) for own in gap["gap"].values())
     programs = [d["scenario"] for d in gap.get("dimensions", ()) if "scenario" in d]
@@ -102,7 +102,7 @@ def promised_steps(m: Material) -> int | None:
 
 
 def unsettled(gap: Mapping[str, Any]) -> bool:
-    """Whether older inputs seem to act as strongly as newer ones, by no more than headings do that change nothing."""
+    """True if older inputs seem to act as strongly as newer ones, by no more than headings do that change nothing."""
     ages = [list(map(float, row)) for row in gap.get("memory", ()) if any(row)]
     headings = gap.get("heading_deviation")
     if len(ages) < 2 or not headings:
@@ -112,7 +112,7 @@ def unsettled(gap: Mapping[str, Any]) -> bool:
 
 
 def hidden_state(m: Material) -> list[tuple[str, str]]:
-    """What a bound over hidden state was taken over and what was found, as names with text; empty for other bounds."""
+    """Rows (name, text) on what a bound over hidden state was taken over and what was found; empty for other bounds."""
     if "budget" not in m.gap:
         return []
     rows = [(k.replace("_", " "), f"{v:,}") for k, v in m.gap["budget"].items() if isinstance(v, int)]
@@ -136,7 +136,7 @@ def _by_state(m: Material, values: Iterable[float]) -> str:
 
 
 def diagnosis(m: Material) -> dict[str, Any] | None:
-    """What measured data said about the model, for a short section with a link."""
+    """Answer of the measured data about the model, for a short section with a link."""
     d = m.diagnosis
     if d is None:
         return None
@@ -148,7 +148,7 @@ def diagnosis(m: Material) -> dict[str, Any] | None:
 
 
 def corrected(m: Material) -> Rows:
-    """What the corrected model changes: a row a figure, before and after."""
+    """Changes by the corrected model: a row a figure, before and after."""
     if m.corrected is None:
         return []
     after = m.corrected.summary

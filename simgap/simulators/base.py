@@ -47,7 +47,7 @@ class Simulator(ABC):
     nu: int
     engine: str
     remembers: bool = False
-    """Whether delay or lag of the inputs make the successor depend on earlier commands; `spread` is then its range."""
+    """True if delay or lag of the inputs make the successor depend on earlier commands; `spread` is then its range."""
 
     @abstractmethod
     def reset(self, x: Floats) -> None:
@@ -95,9 +95,9 @@ class Engine(Simulator):
     distributions: ClassVar[tuple[str, ...]] = ()
     """Installed distributions that results depend on, such as ("mujoco",); their versions enter every hash."""
     of_a_person: ClassVar[bool] = False
-    """Whether a built-in engine runs code of a person, which is tried as that of a plug-in is (`simulators.probe`)."""
+    """True if a built-in engine runs code of a person, which is tried as that of a plug-in is (`simulators.probe`)."""
     file_traits: ClassVar[FileTraits | None] = None
-    """What it does with a URDF in silence; None for an engine that loads none."""
+    """Behaviour with a URDF that no message tells of; None for an engine that loads none."""
 
     @classmethod
     @abstractmethod

@@ -17,6 +17,7 @@ from simgap.arrays import Floats
 from simgap.config.case import Case
 from simgap.config.plant import AddedEffect
 from simgap.effects import AppliedEffect, InputEffect, StaticInputEffect, delays_and_lags, effect
+from simgap.effects.commands import DriveEffect
 from simgap.errors import UserError
 from simgap.late import sympy as sp
 from simgap.model.symbolic import symbol
@@ -40,16 +41,22 @@ def command_paths(
     return [CommandPath.of(effects, name, own, known_delay) for name, own in values.items()]
 
 
-def static_path(effects: Sequence[AddedEffect], name: str, command: sp.Expr) -> sp.Expr:
-    """Command after the static effects: in the order of their ranks, the last nearest the command."""
-    own = [(effect(e.name), e) for e in sorted(effects, key=lambda e: effect(e.name).rank) if e.on == name]
-    felt: sp.Expr = symbol("command")
-    for kind, added in own:
-        if isinstance(kind, StaticInputEffect):
+def command_after(
+    effects: Sequence[AddedEffect], name: str, command: sp.Expr, velocity: sp.Expr | None = None
+) -> sp.Expr:
+    """Command after the static effects on an input, or, at a velocity, drive after the effects of the drive.
+
+    They act in the order of their ranks, the last nearest the command.
+    """
+    own = [e for e in sorted(effects, key=lambda e: effect(e.name).rank) if e.on == name]
+    for added in reversed(own):
+        kind, values = effect(added.name), {key: sp.Float(value) for key, value in added.parameters.items()}
+        if velocity is None and isinstance(kind, StaticInputEffect):
             kind.check_values(added.parameters)
-            values = {key: sp.Float(value) for key, value in added.parameters.items()}
-            felt = felt.subs(symbol("command"), kind.applied(symbol("command"), values))
-    return felt.subs(symbol("command"), command)
+            command = kind.applied(command, values)
+        elif velocity is not None and isinstance(kind, DriveEffect):
+            command = kind.felt(command, velocity, values)
+    return command
 
 
 @dataclass(frozen=True)
@@ -73,7 +80,7 @@ class CommandPath:
         own = delays_and_lags(AppliedEffect(e.name, e.on, e.parameters) for e in effects if e.on == name)
         delay, lag = own.get(name, (0.0, 0.0))
         command = symbol("command")
-        static = sp.lambdify([command], static_path(effects, name, command), modules="math")
+        static = sp.lambdify([command], command_after(effects, name, command), modules="math")
         return CommandPath(max(0.0, delay - known_delay), lag, static, tuple(sorted(values)))
 
     @property
@@ -99,15 +106,15 @@ class CommandMemory:
 
     @property
     def depth(self) -> int:
-        """How many earlier commands can still matter."""
+        """Number of earlier commands that can still matter."""
         return math.ceil(self.path.delay / self.tau * (1.0 - 1e-12))
 
     def rest(self, command: float) -> None:
-        """As if this had been commanded for ever."""
+        """Remember this as commanded for ever."""
         self.past, self.output = [command] * self.depth, self.path.static(command)
 
     def hold(self, which: int) -> None:
-        """As if the least (0) or the largest (1) that the plant can feel had been commanded for ever."""
+        """Remember the least (0) or the largest (1) that the plant can feel as commanded for ever."""
         reached = [self.path.static(v) for v in self.path.values]
         self.rest(self.path.values[int(np.argmax(reached) if which else np.argmin(reached))])
 

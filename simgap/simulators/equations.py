@@ -138,7 +138,7 @@ def _section(case: Case) -> EquationsSettings:
 
 
 def _carried(case: Case) -> bool:
-    """Whether states of the case hold all that the simulator remembers of earlier commands."""
+    """True if states of the case hold all that the simulator remembers of earlier commands."""
     from simgap.effects import effect
     from simgap.effects.commands import MemoryInputEffect
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.config.case import Case
+from simgap.effects import effect, joint_effect
 from simgap.errors import Finding
 from simgap.plants.model_file import FileJoint, Link, ModelFile
 from simgap.simulators.base import FileTraits
@@ -92,7 +93,9 @@ def _damping(case: Case, traits: FileTraits, file: ModelFile) -> Iterator[Findin
 def _viscous(case: Case, joint: str) -> float:
     """Damping of a joint by declared effects, beside the one number of the engine."""
     effects = case.simulator.effects if case.simulator is not None else ()
-    return sum(e.parameters.get("b", 0.0) for e in effects if e.on == joint and e.name == "viscous_friction")
+    viscous = joint_effect("damping")
+    own = [e.parameters for e in effects if e.on == joint and e.name == viscous.name]
+    return sum(values.get(viscous.parameters[0].symbol, 0.0) for values in own)
 
 
 def _agreeing(name: str, own: float, stated: Collection[float]) -> str:
@@ -132,7 +135,7 @@ def _joint(case: Case, traits: FileTraits, name: str, joint: FileJoint) -> Itera
 def _declared(case: Case, joint: str) -> bool:
     """True if an effect of the simulator is some dry friction of a joint."""
     effects = case.simulator.effects if case.simulator is not None else ()
-    return any(e.on == joint and "friction" in e.name and e.name != "viscous_friction" for e in effects)
+    return any(e.on == joint and effect(e.name).dry for e in effects)
 
 
 def ranges(case: Case, traits: FileTraits, name: str, joint: FileJoint) -> Iterator[Finding]:

@@ -21,7 +21,7 @@ from simgap.errors import UserError
 from simgap.late import sympy as sp
 from simgap.plants.urdf_checks import check_joint_units
 from simgap.simulators.base import Engine, Simulator
-from simgap.simulators.commands import check_lagged, static_path, with_commands
+from simgap.simulators.commands import check_lagged, command_after, with_commands
 
 Forces = Callable[..., Sequence[float]]
 
@@ -54,7 +54,7 @@ class JointPlant:
 
 
 def joint_plant(case: Case, folder: Path) -> JointPlant:
-    """Where the states and inputs of a case of joints stand.
+    """Joints of a case, and where its states and inputs stand.
 
     Raises:
         UserError: if the case has no model file for the engine, or no domain.
@@ -93,7 +93,7 @@ def joint_forces(plant: JointPlant, effects: Sequence[AddedEffect]) -> Forces | 
         return None
     q, v = ([sp.Symbol(f"{kind}{k}", real=True) for k in range(len(plant.joints))] for kind in "qv")
     u = [sp.Symbol(f"u{k}", real=True) for k in range(plant.nu)]
-    applied = [static_path(effects, name, command) for name, command in zip(plant.input_names, u, strict=True)]
+    applied = [command_after(effects, name, command) for name, command in zip(plant.input_names, u, strict=True)]
     extra: list[sp.Expr] = [sp.Integer(0)] * len(plant.joints)
     for number, added in enumerate(effects):
         kind = effect(added.name)
@@ -110,22 +110,10 @@ def joint_forces(plant: JointPlant, effects: Sequence[AddedEffect]) -> Forces | 
             )
     forces = []
     for k, drive in enumerate(plant.inputs):
-        given = [_delivered(effects, plant.input_names[i], applied[i], v[k]) for i in drive]
+        given = [command_after(effects, plant.input_names[i], applied[i], v[k]) for i in drive]
         forces.append(sp.Add(extra[k], *given))
     function: Any = sp.lambdify([*q, *v, *u], forces, modules="math", cse=True)
     return function
-
-
-def _delivered(effects: Sequence[AddedEffect], name: str, drive: sp.Expr, velocity: sp.Symbol) -> sp.Expr:
-    """Force that a joint feels of a drive at its speed: effects by their ranks, the last nearest the command."""
-    own = [(effect(e.name), e) for e in sorted(effects, key=lambda e: effect(e.name).rank) if e.on == name]
-    placeholder = sp.Symbol("drive", real=True)
-    felt: sp.Expr = placeholder
-    for kind, added in own:
-        if isinstance(kind, DriveEffect):
-            values = {key: sp.Float(value) for key, value in added.parameters.items()}
-            felt = felt.subs(placeholder, kind.felt(placeholder, velocity, values))
-    return felt.subs(placeholder, drive)
 
 
 class JointEngine(Engine):

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.effects import joint_effect
 from simgap.errors import Finding
 from simgap.late import sympy as sp
 from simgap.plants.model_file import FileJoint, read_model_file
@@ -115,7 +116,7 @@ def findings(case: Case, folder: Path) -> list[Finding]:
 
 
 def switches(case: Case, folder: Path) -> tuple[sp.Expr, ...]:
-    """Where the file's stops and dry friction switch, as expressions that are 0 there.
+    """Surfaces where the file's stops and dry friction switch, as expressions that are 0 there.
 
     Raises:
         UserError: what `mjcf.check_mjcf` refuses.
@@ -252,19 +253,21 @@ def _own_forces(case: Case, model: Any, name: str, damping: float) -> Iterator[F
     joint = model.joint(name)
     k = int(joint.dofadr[0])
     stated = (
-        ("damps it by", "viscous_friction", "b", float(model.dof_damping[k]), damping),
-        ("holds it with dry friction of", "coulomb_friction", "F_c", float(model.dof_frictionloss[k]), 0.0),
-        ("gives it an armature of", "reflected_inertia", "I", float(model.dof_armature[k]), 0.0),
-        ("ties it to a spring of", "spring", "k", float(model.jnt_stiffness[joint.id]), 0.0),
+        ("damps it by", "damping", float(model.dof_damping[k]), damping),
+        ("holds it with dry friction of", "frictionloss", float(model.dof_frictionloss[k]), 0.0),
+        ("gives it an armature of", "armature", float(model.dof_armature[k]), 0.0),
+        ("ties it to a spring of", "stiffness", float(model.jnt_stiffness[joint.id]), 0.0),
     )
-    for words, effect, key, own, nominal in stated:
+    for words, attribute, own, nominal in stated:
+        known = joint_effect(attribute)
+        key = known.parameters[0].symbol
         sides = [
-            value + sum(e.parameters.get(key, 0.0) for e in effects if e.name == effect and e.on == name)
+            value + sum(e.parameters.get(key, 0.0) for e in effects if e.name == known.name and e.on == name)
             for value, effects in ((own, case.simulator.effects), (nominal, case.plant.effects))
         ]
         if own and differs(*sides):
             yield Finding(f"joint '{name}'", f"the file {words} {own:g}, the nominal model has {sides[1]:g}",
-                          LEARN.format(effect))  # fmt: skip
+                          LEARN.format(known.name))  # fmt: skip
         elif nominal and differs(*sides):
             yield Finding(f"joint '{name}'", f"the plant's URDF {words} {nominal:g}, the simulator has {sides[0]:g}",
                           COVERED)  # fmt: skip

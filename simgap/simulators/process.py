@@ -90,7 +90,7 @@ class _Worker:
         self._pipe.send(plugins.files())
 
     def ask(self, task: Callable[..., Any], job: tuple[Any, ...]) -> tuple[bool, Any]:
-        """Whether the task went well, and its result or its error; EOFError or OSError where the process died."""
+        """True and the result of the task, or False and its error; EOFError or OSError where the process died."""
         self._pipe.send((task, job))
         answer: tuple[bool, Any] = self._pipe.recv()
         return answer

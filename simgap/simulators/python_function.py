@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import logging
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +15,7 @@ from simgap.arrays import Floats
 from simgap.config.function_file import KEY, FunctionFile
 from simgap.config.simulator import EngineSection
 from simgap.errors import UserError, excerpt
+from simgap.plugins import announce
 from simgap.simulators.base import Engine
 from simgap.simulators.supervision import bounded, describe_call
 
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
 STARTING = 60.0
 """Longest time that the file may take to be imported, s."""
-log = logging.getLogger("simgap.code")
-_announced: set[Path] = set()
 
 
 class PythonSettings(EngineSection):
@@ -56,9 +54,7 @@ class PythonSettings(EngineSection):
         except UserError as error:
             place = f"{error.file}: " if error.file else ""
             raise ValueError(f"{place}{error.problem}. {error.remedy or ''}".strip()) from None
-        if found.path not in _announced:
-            _announced.add(found.path)
-            log.warning("the simulator %s is code and runs with your permissions", found.path)
+        announce(f"the simulator {found.path}")
         return function
 
 

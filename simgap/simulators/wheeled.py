@@ -28,7 +28,7 @@ from simgap.simulators.commands import CommandMemory, CommandPath, case_command_
 
 @dataclass(frozen=True)
 class WheeledPlant:
-    """Where pose and commands stand among the states and inputs, and the sampling time (s)."""
+    """Places of pose and commands among the states and inputs, and the sampling time (s)."""
 
     urdf: Path
     tau: float
@@ -38,7 +38,7 @@ class WheeledPlant:
 
 
 def wheeled_plant(case: Case, folder: Path) -> WheeledPlant:
-    """Where the roles of `plant.symbolic.wheels` stand in the case.
+    """Places of the roles of `plant.symbolic.wheels` in the case.
 
     Raises:
         UserError: a plant whose states and inputs are not those of a planar wheeled robot.

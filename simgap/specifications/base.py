@@ -88,7 +88,7 @@ class Monitor(ABC):
     """Judges runs of one controller, one at a time."""
 
     measures_clearance: bool = False
-    """Whether a path between samples matters; a run then ends where `clearance` is no longer positive."""
+    """True if a path between samples matters; a run then ends where `clearance` is no longer positive."""
 
     @abstractmethod
     def over_each(self, x: Floats, measured: Floats) -> Bools:
@@ -196,11 +196,11 @@ class Game(Protocol):
 
     @property
     def error(self) -> Floats:
-        """How far the state may be from the cell that it is counted in, (nx,): 0 for cells of the true state."""
+        """Largest distance of the state from the cell that it is counted in, (nx,): 0 for cells of the true state."""
 
     @property
     def stray(self) -> Floats:
-        """How far a path may stray from its samples where clearance is to cover that; see `SynthesisProblem`."""
+        """Distance by which a path may stray from its samples if clearance is to cover that (`SynthesisProblem`)."""
 
     def invariant(self, safe: Bools) -> Solution:
         """The largest set of safe cells that some input keeps for ever: the greatest fixed point; (cells,) bool."""
@@ -221,11 +221,11 @@ class Words(Section):
         "Runs of both controllers in the simulator (in colour) and from the same starts on the nominal model (grey, "
         "dashed)."
     )
-    """What the picture of the runs shows, a sentence or two."""
+    """Sentence or two on what the picture of the runs shows."""
     kept: str = "as specified"
     """'1,000 of 1,000 runs ...'."""
     allowed: str = "free cells"
-    """What winning fractions are of: '0.9 of the ...'."""
+    """Set of which winning fractions are shares: '0.9 of the ...'."""
     promise: str = "keeps the specification"
     """'From every winning cell the controller ... if gamma holds.'"""
     violated: str = "breaks the specification"
@@ -233,7 +233,7 @@ class Words(Section):
     failed: str = "failed"
     """The same in the past tense, in a sentence: 'the controller never ...', '... in 289 of 980 runs'."""
     limits: str = "region"
-    """What the ends that are drawn beside each state belong to: 'the safe set'."""
+    """Set to which the ends belong that are drawn beside each state: 'the safe set'."""
 
 
 class Specification(Section, ABC):
@@ -242,13 +242,13 @@ class Specification(Section, ABC):
     kind: str
 
     between_samples: ClassVar[bool] = False
-    """Whether it also holds between samples; the clearance then covers what a path may stray from its samples."""
+    """True if it also holds between samples; the clearance then covers what a path may stray from its samples."""
     swept_boxes: ClassVar[bool] = False
-    """Whether the swept boxes of a wheeled robot may do that instead, input by input."""
+    """True if the swept boxes of a wheeled robot may do that instead, input by input."""
     holds: ClassVar[bool] = True
-    """Whether a run must be held in a bounded set for ever, and not only go somewhere."""
+    """True if a run must be held in a bounded set for ever, and not only go somewhere."""
     on_true_cells: ClassVar[bool] = False
-    """Whether it may be solved on cells of the true state where sensing is not perfect, which wins more: then its only
+    """True if it may be solved on cells of the true state where sensing is not perfect, which wins more: then its only
     operator is `Game.invariant`."""
     words: ClassVar[Words] = Words()
 

@@ -278,7 +278,7 @@ class Reaching(Specification):
 
     between_samples: ClassVar[bool] = True
     then: ClassVar[str] = ""
-    """What its sentence says of the target after naming it."""
+    """Words that its sentence adds after naming the target."""
 
     def region(self, space: Space) -> Box:
         """The arena; obstacles and target must lie in it."""

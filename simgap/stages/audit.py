@@ -35,10 +35,10 @@ from simgap.gap.bounds.function import GapFunction
 from simgap.gap.bounds.load import from_json
 from simgap.gap.sampling.samples import motion_of
 from simgap.geometry import Grid
+from simgap.io.arrays_on_disk import Mapped, scratch_folder
 from simgap.io.controller_file import load_controller_of
 from simgap.io.documents import write_json
 from simgap.io.gap_file import SavedGap, load_gap
-from simgap.io.mapped import Mapped, scratch_folder
 from simgap.io.parquet import table, write_parquet
 from simgap.plants.context import Context
 from simgap.provenance import provenance
@@ -303,7 +303,7 @@ def _shared(
 
 
 def _known(context: Context, bound: SavedGap, inputs: AuditFiles) -> tuple[Any, ...]:
-    """Where searches over the gap begin."""
+    """Steps or histories from which searches over the gap begin."""
     hidden = context.case.hidden_state
     tables = [read_samples(context, path, "rollouts", "borders") for path in inputs.rollouts]
     tables.append(read_samples(context, inputs.fresh, "fresh"))

@@ -34,18 +34,18 @@ from simgap.provenance import provenance
 from simgap.stages import log
 
 Check = Callable[[Context], list[Finding] | None]
-"""What is odd about a case; what no stage could use raises UserError with the key and the remedy."""
+"""Findings about a case; what no stage could use raises UserError with the key and the remedy."""
 
 OF_CASE: tuple[Check, ...] = (
     refuse_prefixes, refuse_few_cells, refuse_seams, refuse_specification, refuse_basis, refuse_free_path,
 )  # fmt: skip
-"""What takes no engine; asked first, since starting one takes seconds."""
+"""Checks that take no engine; made first, since starting one takes seconds."""
 
 OF_NUMBERS: tuple[Check, ...] = (
     find_mixed_units, find_wrong_dimensions, find_heavy_steps, find_long_steps, find_bolted_base,
     find_other_wheel_sizes, find_jumps_at_rest, find_stuck_joints, find_missing_coordinates,
 )  # fmt: skip
-"""What is asked once the engine has loaded its model file: its reasons come before those that follow from them."""
+"""Checks once the engine has loaded its model file: its reasons come before those that follow from them."""
 
 
 def run_checks(checks: tuple[Check, ...], context: Context) -> list[Finding]:
@@ -74,10 +74,7 @@ class Checked:
 
 
 def run(
-    case_path: Path,
-    out: Path | None = None,
-    engine_log: Path | None = None,
-    tell: Callable[[str], None] | None = None,
+    case_path: Path, out: Path | None = None, engine_log: Path | None = None, tell: Callable[[str], None] | None = None
 ) -> Checked:
     """Check a case, and write what was found to `out` (JSON) if given; `tell` hears what is being done.
 

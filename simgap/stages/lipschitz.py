@@ -13,7 +13,7 @@ from simgap.gap.sampling.points import HISTORY, Columns, Points, remembers
 from simgap.gap.sampling.samples import check_histories, dimension_samples
 from simgap.gap.sampling.symmetry import SymmetryDeviation
 from simgap.gap.sampling.values import Held, Room
-from simgap.io.spilled_numbers import room_in
+from simgap.io.arrays_on_disk import room_in
 from simgap.plants.context import Context
 from simgap.stages.arguments import CasePath, Grid, Out, Shards
 from simgap.stages.gap_inputs import write_dimensions

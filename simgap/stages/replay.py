@@ -118,7 +118,7 @@ def _aligned(rows: list[list[str]]) -> list[str]:
 
 
 def _again(witness: Witness, trace: Trace, states: Floats) -> str:
-    """How this agrees with what the audit saw."""
+    """Line on how this agrees with what the audit saw."""
     if witness.plant != ON_SIMULATOR:
         return "The states are those that the adversary chose within f + gamma."
     recorded: Any = witness.states if witness.kind != STEP else witness.d

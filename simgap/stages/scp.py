@@ -13,7 +13,7 @@ from simgap.gap.sampling.borders import MAKE_BORDERS, NO_BORDERS, directed_sampl
 from simgap.gap.sampling.points import AFTER_PREVIOUS, SEQUENCE, Columns, Points, remembers
 from simgap.gap.sampling.samples import check_histories, dimension_samples, motion_of, previous_classes, steps_of
 from simgap.gap.sampling.values import Held, Room
-from simgap.io.spilled_numbers import room_in
+from simgap.io.arrays_on_disk import room_in
 from simgap.plants.context import Context, pose_axes
 from simgap.stages.arguments import Borders, CasePath, Grid, Out, Shards
 from simgap.stages.gap_inputs import read_samples, write_dimensions

@@ -144,7 +144,7 @@ def _retimed(context: Context) -> Callable[[float], NominalModel] | None:
 
 
 def _between(context: Context, flow: Flow, region: Box, extra: Floats, needed: bool) -> Floats:
-    """How far a path may stray from its samples and beyond walls that hold them, (2, nx).
+    """Distances by which a path may stray from its samples, and beyond walls that hold them, (2, nx).
 
     Infinite where no bound is found and none is promised.
 

@@ -17,10 +17,10 @@ from simgap.config.controller import Trials, ValidationSection
 from simgap.config.reads import CONTROLLED
 from simgap.errors import BrokenPromise, UserError
 from simgap.geometry import drawn_in_cells
+from simgap.io.arrays_on_disk import Mapped, scratch_folder
 from simgap.io.controller_file import load_controller_of
 from simgap.io.documents import write_json
 from simgap.io.gap_file import load_gap
-from simgap.io.mapped import Mapped, scratch_folder
 from simgap.io.parquet import write_parquet
 from simgap.io.traces import BASELINE, GAP_AWARE, MODEL, NOMINAL, SIMULATOR, Trace, to_table
 from simgap.late import pyarrow as pa
@@ -63,6 +63,7 @@ def run(
     with context.blame():
         model, gap = context.plant.sampled, load_gap(gap_path, context).function
         specification, space = specification_of(context.case), Space.of(context.case)
+    names, tolerated = (context.states, context.inputs, context.units), tolerated_share(context.case)
     record = provenance("validation", context.case, context.folder, {"starts": section.seed}, CONTROLLED)
     tallies: dict[str, dict[str, Any]] = {}
     parts: list[pa.Table] = []
@@ -80,25 +81,21 @@ def run(
             with context.blame():
                 monitor = specification.monitor(space, controller.solution)
             judge = Judge(space, monitor, section.steps, controller.input_set, model, gap)
-            proven = replace(judge, certificate=controller.solution, tolerant=tolerated_share(context.case) > 0)
-            for plant, runs in (
-                (SIMULATOR, _simulated(jobs[kind], len(begin[kind].x))),
-                (MODEL, batch_loop(model.step, controller, begin[kind].x, section.steps, monitor)),
-            ):
+            proven = replace(judge, certificate=controller.solution, tolerant=tolerated > 0)
+            on_model = batch_loop(model.step, controller, begin[kind].x, section.steps, monitor)
+            for plant, runs in ((SIMULATOR, _simulated(jobs[kind], len(begin[kind].x))), (MODEL, on_model)):
                 own = proven if (kind, plant) == (GAP_AWARE, SIMULATOR) else judge
                 figures, kept = own.count(runs, begin[kind].numbers.tolist(), section.kept, shown)
                 shown = shown or kept
                 tallies.setdefault(kind, {})[plant] = figures
                 log.info("%s controller, %s: %s", kind, plant, _short(figures))
-                names = context.states, context.inputs, context.units
                 about = {"case": context.case.name, "controller": kind, "plant": plant}
-                if kind == BASELINE:
-                    continue
-                parts += [to_table(trace_of(judge, about, k, v), *names, about, record) for k, v in kept.items()]
+                if kind != BASELINE:
+                    parts += [to_table(trace_of(judge, about, k, v), *names, about, record) for k, v in kept.items()]
     write_parquet(traces, pa.concat_tables(parts).unify_dictionaries())
     counts = {"trials": trials.value, "starts": section.count(trials), "steps": section.steps}
     write_json(out, counts | {"controllers": tallies, "provenance": record})
-    keep_promise(tallies[GAP_AWARE][SIMULATOR], tolerated_share(context.case))
+    keep_promise(tallies[GAP_AWARE][SIMULATOR], tolerated)
 
 
 def tolerated_share(case: Case) -> float:

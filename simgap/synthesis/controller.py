@@ -92,7 +92,7 @@ class Controller:
         return preferred(self.solution.mask, least_effort(self.input_set))
 
     def __getstate__(self) -> dict[str, Any]:
-        """What another process gets: the choices go along, so that they are made once."""
+        """State that another process gets: the choices go along, so that they are made once."""
         return {**vars(self), "choice": self.choice}
 
     def cell(self, x: ArrayLike) -> Ints:

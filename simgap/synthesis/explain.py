@@ -330,7 +330,7 @@ def why(problem: SynthesisProblem, controller: Controller, nominal: Controller, 
 
 
 def _fates(grid: Grid, winning: Bools, boxes: Ints) -> tuple[Bools, Ints]:
-    """Of boxes of successors (M, 2, nx): axes along which each may leave the region (M, nx), cells in it that lose."""
+    """Axes along which boxes of successors (M, 2, nx) may leave the region (M, nx); cells in each that lose, (M,)."""
     count, table = np.array(grid.cells), winning.reshape(grid.cells)
     out = (boxes[:, 0] < 0) | (boxes[:, 1] >= count)
     out[:, list(grid.periodic)] = False

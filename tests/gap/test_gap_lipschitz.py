@@ -15,7 +15,7 @@ from simgap.gap.sampling.borders import Borders
 from simgap.gap.sampling.samples import SampleGrid
 from simgap.gap.sampling.values import Held
 from simgap.geometry import Box, Grid
-from simgap.io.spilled_numbers import room_in
+from simgap.io.arrays_on_disk import room_in
 from simgap.statistics import extrapolated_maximum
 from tests.gap.gap_examples import U, X, coulomb, gap_section, on_grid, smooth
 

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from simgap.errors import UserError
-from simgap.gap.sampling.resolution import COUNTS, LINES, POINTS, Lines, at_count, counts_for, movement
+from simgap.gap.resolution import COUNTS, LINES, POINTS, Lines, at_count, counts_for, movement, refine
 from simgap.geometry import Box
-from simgap.stages import refine
 
 BOX, INPUTS = Box([-1.0, -2.0, 0.0], [1.0, 2.0, 1.0]), np.array([[-1.0], [1.0]])
 
@@ -50,11 +49,11 @@ def test_states_weigh_as_they_are_told():
 def test_a_case_is_told_its_section(root):
     """The speed of the pendulum's gap bends along both states; few samples are refused with how many it takes."""
     case, said = root / "configs/cases/pendulum.yaml", []
-    found = refine.run(case, 20_000, said.append)
+    found = refine(case, 20_000, said.append)
     assert 19_000 < found.samples <= 20_000  # what the counts that are weighed leave is spread over the axes
     assert np.prod(list(found.cells.values())) * 25 == found.samples
     assert all(found.then[n] > found.now[n] for n in found.then)  # the case has 12 million now
     assert f"x1: {found.half_widths['x1']:.4g}" in found.block()
     assert "roll-outs on lines" in said[-1]
     with pytest.raises(UserError, match="Give at least 400"):
-        refine.run(case, 100, said.append)
+        refine(case, 100, said.append)

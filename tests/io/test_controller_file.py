@@ -1,6 +1,5 @@
 """Controllers read back the same, and no damaged or impossible one is ever obeyed."""
 
-import hashlib
 import json
 import subprocess
 import sys
@@ -15,7 +14,8 @@ import simgap
 from simgap.errors import UserError
 from simgap.geometry import Box, Grid
 from simgap.io import controller_file as controller_content
-from simgap.io.controller_file import load_controller, load_controller_of, load_domain, save_controller
+from simgap.io.atomic import sealed
+from simgap.io.controller_file import load_controller, load_controller_of, load_domain, save_controller, write_arrays
 from simgap.specifications.solution import Solution
 from simgap.synthesis.controller import Controller
 
@@ -54,12 +54,18 @@ def rewritten(path, about=None, **changes):
     if about:
         told = json.loads(arrays["about"].tobytes()) | about
         arrays["about"] = np.frombuffer(json.dumps(told).encode(), np.uint8)
-    arrays.pop("sha256")
-    digest = hashlib.sha256()
-    for name in sorted(arrays):
-        digest.update(f"{name} {arrays[name].dtype.str} {arrays[name].shape};".encode() + arrays[name].tobytes())
-    np.savez(path, sha256=np.frombuffer(digest.digest(), np.uint8), **arrays)
+    with sealed(path) as temporary:
+        write_arrays(temporary, arrays)
     return path
+
+
+def spoilt(path, arrays):
+    """Other arrays under the checksum that the file had."""
+    with zipfile.ZipFile(path) as archive:
+        stated = archive.comment
+    np.savez(path, **arrays)
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.comment = stated
 
 
 def refused(path, match):
@@ -141,15 +147,15 @@ def test_what_cannot_be_is_refused_even_with_a_checksum_that_fits(saved, about, 
 def test_a_swap_of_two_cells_is_refused(saved):
     arrays = parts(saved)
     arrays["mask"][[2, 11]] = arrays["mask"][[11, 2]]
-    np.savez(saved, **arrays)
+    spoilt(saved, arrays)
     refused(saved, "checksum does not fit")
 
 
 def test_a_file_without_checksum_or_with_missing_parts_is_refused(saved):
     arrays = parts(saved)
-    np.savez(saved, **{name: array for name, array in arrays.items() if name != "sha256"})
+    np.savez(saved, **arrays)
     refused(saved, "no checksum")
-    np.savez(saved, sha256=arrays["sha256"])
+    np.savez(saved, box=arrays["box"])
     refused(saved, "parts of it are missing")
     np.save(saved.with_suffix(".npy"), np.zeros(3))
     refused(saved.with_suffix(".npy"), "not a controller file")
@@ -189,7 +195,7 @@ def test_a_part_of_another_controller_is_refused_whatever_is_read(saved, tmp_pat
     other = reaching()
     other.solution.winning[2], other.solution.value[2], other.solution.target[3] = False, -1, True
     save_controller(replace(other, metadata={"seed": 1}), tmp_path / "other.npz")
-    np.savez(saved, **parts(saved) | {name: parts(tmp_path / "other.npz")[name]})
+    spoilt(saved, parts(saved) | {name: parts(tmp_path / "other.npz")[name]})
     with pytest.raises(UserError, match="checksum does not fit"):
         read(saved)
 
@@ -197,10 +203,10 @@ def test_a_part_of_another_controller_is_refused_whatever_is_read(saved, tmp_pat
 @pytest.mark.parametrize("read", [load_controller, load_domain])
 def test_an_array_more_or_less_than_the_checksum_has_is_refused(saved, read):
     arrays = parts(saved)
-    np.savez(saved, **arrays, acting=np.zeros((12, 1), np.uint8))
+    spoilt(saved, arrays | {"acting": np.zeros((12, 1), np.uint8)})
     with pytest.raises(UserError, match="checksum does not fit"):
         read(saved)
-    np.savez(saved, **{n: a for n, a in arrays.items() if n not in ("value", "target")})
+    spoilt(saved, {n: a for n, a in arrays.items() if n not in ("value", "target")})
     with pytest.raises(UserError, match="checksum does not fit"):
         read(saved)
 
@@ -208,11 +214,12 @@ def test_an_array_more_or_less_than_the_checksum_has_is_refused(saved, read):
 def test_a_header_that_says_more_than_there_is_is_refused_before_memory_is_taken(saved):
     arrays = parts(saved)
     mask = arrays.pop("mask")
-    np.savez(saved, **arrays)
-    with zipfile.ZipFile(saved, "a") as archive, archive.open("mask.npy", "w") as stream:
-        header = {"descr": "|u1", "fortran_order": False, "shape": (10**12, 1)}
-        np.lib.format.write_array_header_1_0(stream, header)
-        stream.write(mask.tobytes())
+    header = {"descr": "|u1", "fortran_order": False, "shape": (10**12, 1)}
+    with sealed(saved) as temporary:
+        write_arrays(temporary, arrays)
+        with zipfile.ZipFile(temporary, "a") as archive, archive.open("mask.npy", "w") as stream:
+            np.lib.format.write_array_header_1_0(stream, header)
+            stream.write(mask.tobytes())
     refused(saved, "another size than it says")
 
 

@@ -89,7 +89,7 @@ PLACES = {
     "a benchmark": "results/cart/benchmarks/check.tsv",
     "a log": "results/cart/logs/check.log",
     "a record of Snakemake's": ".snakemake/metadata/cmVzdWx0cw==",
-    "the lock": ".snakemake/simgap.lock",
+    "a run": ".snakemake/simgap/runs/0-1.json",
 }
 
 

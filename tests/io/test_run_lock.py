@@ -1,5 +1,6 @@
 """What a killed run leaves goes with the next one, and nobody's who is alive."""
 
+import json
 import os
 import signal
 import subprocess
@@ -9,13 +10,13 @@ import tempfile
 import pytest
 
 from simgap.io.atomic import host
-from simgap.io.runs import join
+from simgap.io.runs import RUNS, announce
 
 HOLD = """
 import sys
 from pathlib import Path
-from simgap.io.runs import join
-print(join(Path(sys.argv[1])), flush=True)
+from simgap.io.runs import announce
+print(announce(Path(sys.argv[1]), ["rod"], "simgap run")[1], flush=True)
 sys.stdin.read()
 """
 
@@ -30,6 +31,13 @@ def holder(folder):
 def lock(folder):
     (folder / ".snakemake/locks").mkdir(parents=True, exist_ok=True)
     (folder / ".snakemake/locks/0.output.lock").write_text("results/a\n")
+
+
+def record(folder, machine, temporary=""):
+    """What a run of process 4242 of a machine has left, alive or not."""
+    about = {"cases": ["rod"], "process": 4242, "machine": "m", "since": "2026", "command": "x", "temporary": temporary}
+    (folder / RUNS).mkdir(parents=True, exist_ok=True)
+    (folder / RUNS / f"{machine}-4242.json").write_text(json.dumps(about))
 
 
 def locks(folder):
@@ -50,30 +58,44 @@ def test_locks_of_a_killed_run_go_and_those_of_one_that_is_alive_stay(tmp_path):
     third.communicate("")
 
 
-def test_locks_that_another_machine_may_hold_stay(tmp_path):
+@pytest.mark.parametrize("known", [True, False])
+def test_locks_that_another_machine_or_nobody_known_may_hold_stay(tmp_path, known):
     lock(tmp_path)
-    (tmp_path / ".snakemake/simgap.lock").write_text("0" * 8 if host() != "0" * 8 else "1" * 8)
+    if known:
+        record(tmp_path, "0" * 8 if host() != "0" * 8 else "1" * 8)
     process, told = holder(tmp_path)
     process.communicate("")
     assert (told, locks(tmp_path)) == ("False", ["0.output.lock"])
 
 
-def test_only_the_temporary_folders_of_snakemake_go(tmp_path, monkeypatch):
+def test_locks_of_a_killed_run_stay_while_another_is_alive_and_go_with_the_last(tmp_path):
+    first, _ = holder(tmp_path)
+    record(tmp_path, host())
+    lock(tmp_path)
+    second, told = holder(tmp_path)
+    assert (told, locks(tmp_path)) == ("False", ["0.output.lock"])
+    for process in (first, second):
+        process.communicate("")
+    assert announce(tmp_path, ["rod"], "x") == ([], True)
+    assert locks(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("listed", "goes"),
+    [
+        ("tmp/snakemakeab12cd_9", True),
+        ("tmp/snakemake", False),
+        ("snakemakeab12cd_9", False),
+        ("tmp/../snakemakeab12cd_9", False),
+    ],
+)
+def test_only_the_temporary_folders_of_snakemake_go(tmp_path, monkeypatch, listed, goes):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
-    own, others = tmp_path / "tmp/snakemakeab12cd_9", [tmp_path / "tmp/snakemake", tmp_path / "snakemakeab12cd_9"]
-    for folder in (own, *others):
-        folder.mkdir(parents=True)
-    (tmp_path / ".snakemake").mkdir()
-    listed = "\n".join(map(str, (own, *others, tmp_path / "tmp/../snakemakeab12cd_9")))
-    (tmp_path / ".snakemake/simgap.lock").write_text(f"{host()}\n{listed}")
-    assert not join(tmp_path)
-    assert not own.exists()
-    assert all(folder.exists() for folder in others)
-
-
-def test_a_folder_that_takes_no_lock_is_left_to_snakemake(tmp_path):
-    (tmp_path / ".snakemake").write_text("a file")
-    assert not join(tmp_path)
+    (tmp_path / "tmp").mkdir()
+    (tmp_path / listed).mkdir()
+    record(tmp_path, host(), str(tmp_path / listed))
+    assert announce(tmp_path, ["rod"], "x") == ([], False)
+    assert (tmp_path / listed).exists() is not goes
 
 
 STAGE = """

@@ -1,6 +1,7 @@
 """Runs of one folder know of each other: the same case is refused with who holds it, other cases go side by side."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -43,7 +44,8 @@ def test_a_run_is_known_while_it_lives_and_forgotten_when_it_was_killed(tmp_path
     other.send_signal(signal.SIGKILL)
     other.wait()
     assert runs_in(tmp_path) == []
-    assert list((tmp_path / RUNS).iterdir()) == []
+    announce(tmp_path, ["rod"], "x")
+    assert [path.name for path in (tmp_path / RUNS).glob("*.json")] == [f"{host()}-{os.getpid()}.json"]
 
 
 def test_the_same_case_is_refused_and_another_is_not(tmp_path, other, monkeypatch):
@@ -60,7 +62,9 @@ def test_a_run_of_another_machine_is_told_and_refuses_nothing(tmp_path, monkeypa
     monkeypatch.chdir(tmp_path)
     (tmp_path / RUNS).mkdir(parents=True)
     machine = "0" * 8 if host() != "0" * 8 else "1" * 8
-    record = {"cases": ["rod"], "process": 4242, "machine": "far", "since": "2026-01-01 00:00:00", "command": "x"}
+    record = {"cases": ["rod"], "process": 4242, "machine": "far", "since": "2026-01-01 00:00:00", "command": "x"} | {
+        "temporary": ""
+    }
     (tmp_path / RUNS / f"{machine}-4242.json").write_text(json.dumps(record))
     assert [run.alive for run in runs_in(tmp_path)] == [None]
     assert "4242 on far" in workflow._locked()
@@ -77,7 +81,7 @@ def test_a_strangers_file_is_no_run(tmp_path, text):
 
 def test_a_folder_that_takes_no_file_is_left_to_snakemake(tmp_path):
     (tmp_path / ".snakemake").write_text("a file")
-    assert announce(tmp_path, ["rod"], "simgap run") == []
+    assert announce(tmp_path, ["rod"], "simgap run") == ([], False)
 
 
 def test_looking_on_is_allowed_beside_a_run(tmp_path, other, monkeypatch):

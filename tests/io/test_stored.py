@@ -1,7 +1,7 @@
 import numpy as np
 
 from simgap.gap.sampling.values import Held
-from simgap.io.spilled_numbers import Stored, room_in
+from simgap.io.arrays_on_disk import Stored, room_in
 
 
 def test_numbers_come_back_from_a_file_without_a_name(tmp_path):

@@ -9,6 +9,8 @@ import pytest
 
 from simgap.config.load import load_case
 from simgap.config.measured import MeasuredSection
+from simgap.diagnosis import corrected_case as acted_out
+from simgap.diagnosis.corrected_case import ActedOut
 from simgap.diagnosis.record.survey import survey
 from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.verdict.transitions import followed, stray
@@ -16,9 +18,7 @@ from simgap.effects import AppliedEffect
 from simgap.plants.context import Context
 from simgap.plants.plant_model import PlantModel
 from simgap.simulators.process import EngineCrash
-from simgap.stages import acted_out
 from simgap.stages import diagnosis as stage
-from simgap.stages.acted_out import ActedOut
 from tests.stages import diagnosis_example as example
 
 DOMAIN = "domain: {tau: 0.02 s, X: {q: [-1, 1], v: [-3, 3]}, U: {u: {min: -2, max: 2, step: 1}}}\n"

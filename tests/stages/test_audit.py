@@ -19,9 +19,9 @@ from simgap.cli import main
 from simgap.config.load import case_content
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.sampling.points import successor_columns, units
+from simgap.io.arrays_on_disk import Mapped, scratch_folder
 from simgap.io.controller_file import load_controller, save_controller
 from simgap.io.documents import read_json, write_json
-from simgap.io.mapped import Mapped, scratch_folder
 from simgap.io.parquet import read_parquet, table, write_parquet
 from simgap.io.rerun.closed_loop import read_curves
 from simgap.plants.context import Context

@@ -10,6 +10,7 @@ import pytest
 
 from simgap.config.load import load_case
 from simgap.config.measured import MeasuredSection
+from simgap.diagnosis.corrected_case import corrected_case
 from simgap.diagnosis.record.survey import survey
 from simgap.diagnosis.result import Estimate, FoundEffect, LeftOver, Nearest
 from simgap.effects import AppliedEffect
@@ -17,7 +18,6 @@ from simgap.errors import UserError
 from simgap.plants.context import Context
 from simgap.plants.plant_model import PlantModel
 from simgap.stages import diagnosis as stage
-from simgap.stages.corrected_case import corrected_case
 from tests.stages import diagnosis_example as example
 
 ARM = """\

@@ -8,12 +8,12 @@ import pytest
 
 from simgap.config.load import load_case
 from simgap.config.reads import READS
+from simgap.diagnosis.corrected_case import corrected_case
 from simgap.effects import AppliedEffect
 from simgap.plants.plant_model import PlantModel
 from simgap.provenance import sections_digest
 from simgap.simulators.commands import acts_at_once
 from simgap.stages import fresh, synthesis, validation
-from simgap.stages.corrected_case import corrected_case
 from tests.stages import road
 
 DELAY, LAG = "input_delay", "input_lag"

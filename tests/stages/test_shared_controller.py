@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from simgap.geometry import Box, Grid
-from simgap.io.mapped import Mapped
+from simgap.io.arrays_on_disk import Mapped
 from simgap.specifications.solution import Solution
 from simgap.synthesis.controller import Controller
 

@@ -10,8 +10,8 @@ from simgap.attack.campaign import ControlLaw
 from simgap.config.controller import SynthesisSection
 from simgap.errors import UserError
 from simgap.geometry import Box
+from simgap.io.arrays_on_disk import Mapped
 from simgap.io.controller_file import export_controller, load_controller, save_controller
-from simgap.io.mapped import Mapped
 from simgap.specifications.reaching import ReachAndStay, ReachAvoid
 from simgap.specifications.space import Space
 from simgap.synthesis.controller import Controller

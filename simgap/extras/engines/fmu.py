@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import fcntl
-import logging
 import os
 import re
 import shutil
 import tempfile
 import zipfile
 import zlib
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -22,6 +21,7 @@ from simgap import reading
 from simgap.arrays import Floats
 from simgap.config.simulator import EngineSection
 from simgap.errors import UserError, excerpt, optional
+from simgap.plugins import announce
 from simgap.simulators.base import Engine
 from simgap.units import check_unit, require_unit
 
@@ -34,7 +34,7 @@ PREFIX = "simgap-fmu-"
 REAL = ("Real", "Float64")
 DESCRIPTION = "modelDescription.xml"
 MOST_PARTS, MOST_UNPACKED = 10_000, 2_000_000_000
-"""Of an archive: files, and bytes of them unpacked. Judgement: FMUs of whole vehicles have hundreds of MB."""
+"""Most files of an archive, and bytes of them unpacked. Judgement: FMUs of whole vehicles have hundreds of MB."""
 
 
 def _place() -> tuple[Path, int]:
@@ -165,7 +165,7 @@ class Unit:
         Raises:
             UserError: a value that it does not take.
         """
-        try:
+        with self._taken("does not begin"):
             if self._running:
                 self._fmu.reset()
             self._running = True
@@ -174,10 +174,6 @@ class Unit:
             self._fmu.enterInitializationMode()
             self.write(values)
             self._fmu.exitInitializationMode()
-        except UserError:
-            raise
-        except Exception as error:
-            raise self._fault("does not begin", error) from None
 
     def write(self, values: Mapping[str, float]) -> None:
         """Set variables by name.
@@ -187,13 +183,8 @@ class Unit:
         """
         for name, value in values.items():
             reference = [self._variables[name].valueReference]
-            try:
-                if self.fmi[0] == "2":
-                    self._fmu.setReal(reference, [value])
-                else:
-                    self._fmu.setFloat64(reference, [value])
-            except Exception as error:
-                raise self._fault(f"does not take {name} = {value:g}", error) from None
+            with self._taken(f"does not take {name} = {value:g}"):
+                (self._fmu.setReal if self.fmi[0] == "2" else self._fmu.setFloat64)(reference, [value])
 
     def read(self, names: Sequence[str]) -> Floats:
         """Variables by name: -> (n,).
@@ -202,10 +193,8 @@ class Unit:
             UserError: values that are not finite.
         """
         references = [self._variables[name].valueReference for name in names]
-        try:
+        with self._taken(f"does not report {', '.join(names)}"):
             found = self._fmu.getReal(references) if self.fmi[0] == "2" else self._fmu.getFloat64(references)
-        except Exception as error:
-            raise self._fault(f"does not report {', '.join(names)}", error) from None
         values = np.array(found, dtype=np.float64)
         if not np.isfinite(values).all():
             raise UserError(f"gives {dict(zip(names, values.tolist(), strict=True))}", file=self._path, key=KEY)
@@ -217,16 +206,21 @@ class Unit:
         Raises:
             UserError: a step that it refuses.
         """
-        try:
+        with self._taken(f"does not step from {time:g} s by {length:g} s"):
             self._fmu.doStep(currentCommunicationPoint=time, communicationStepSize=length)
-        except Exception as error:
-            raise self._fault(f"does not step from {time:g} s by {length:g} s", error) from None
 
-    def _fault(self, what: str, error: BaseException) -> UserError:
-        return UserError(
-            f"{what}: {_said(error)}", file=self._path, key=KEY,
-            remedy="Try it in FMPy (`fmpy simulate`), and exclude what it cannot do from domain.X and domain.U.",
-        )  # fmt: skip
+    @contextmanager
+    def _taken(self, what: str) -> Iterator[None]:
+        """A call of FMPy; what it raises is told in one line, which begins with `what`."""
+        try:
+            yield
+        except UserError:
+            raise
+        except Exception as error:
+            raise UserError(
+                f"{what}: {_said(error)}", file=self._path, key=KEY,
+                remedy="Try it in FMPy (`fmpy simulate`), and exclude what it cannot do from domain.X and domain.U.",
+            ) from None  # fmt: skip
 
     def close(self) -> None:
         """Free the instance, and remove what was unpacked."""
@@ -249,8 +243,6 @@ def _said(error: BaseException) -> str:
 STARTS = 1e-9
 """Largest relative deviation of a start from the state that was set: rounding; judgement."""
 KEY = "simulator.fmu"
-log = logging.getLogger("simgap.code")
-_told: set[Path] = set()
 
 
 class FmuSettings(EngineSection):
@@ -273,9 +265,8 @@ class FmuSettings(EngineSection):
     def _announced(self, info: ValidationInfo) -> FmuSettings:
         """Said where the case is read, and not in the engine's process, whose output goes to a log."""
         folder = (info.context or {}).get("folder")
-        if folder is not None and reading.real(folder / self.fmu) not in _told:
-            _told.add(reading.real(folder / self.fmu))
-            log.warning("the simulator %s is code and runs with your permissions", folder / self.fmu)
+        if folder is not None:
+            announce(f"the simulator {folder / self.fmu}")
         return self
 
 

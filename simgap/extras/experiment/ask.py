@@ -49,7 +49,7 @@ def windows_to_come(record: Record, settings: DiagnosisSettings, t: Floats) -> t
 
 
 def as_usable(record: Record, settings: DiagnosisSettings, t: Floats, count: int) -> bool:
-    """Whether so many samples of a recording t (n,) s are in each of the folds that the whole of it is in.
+    """True if the first `count` samples of a recording t (n,) s are in each of the folds that the whole of it is in.
 
     Of confusions on a pendulum, an oscillator and a cart with a pole 0 of 6 were settled by less than a window, 13 of
     17 by 1 to 1.4 windows and 29 of 31 by 2.8 and more, the first to be in three folds (benchmarks/next_experiment.py,
@@ -81,7 +81,7 @@ def halves(count: int) -> Iterator[int]:
 
 
 def shortest(whole: int, counts: Iterator[int], at: Callable[[int], T | None]) -> T | None:
-    """What `at` gives for the least number of samples that is enough for it, else None; None if only `whole` is.
+    """Result of `at` for the least number of samples that is enough for it; None if only `whole` is.
 
     Ever smaller counts are tried while they are enough, then the one between the last that was and the first that was
     not.
@@ -96,12 +96,12 @@ def shortest(whole: int, counts: Iterator[int], at: Callable[[int], T | None]) -
 
 
 FACTOR = 1.5
-"""What a number of the plant is set to, over its declared value. Judgement: far enough to show."""
+"""Value to which a number of the plant is set, over its declared one. Judgement: far enough to show."""
 
 
 @dataclass(frozen=True)
 class Remedy:
-    """What to do, and how sure one will then be."""
+    """Another way out: a sentence on what to do, and how sure one will then be."""
 
     kind: str
     name: str
@@ -138,7 +138,7 @@ UNREAD = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """What is to be told apart, and within which limits.
+    """Explanations that are to be told apart, and the limits of the recording that does it.
 
     Attributes:
         model: known conditions as inputs; record, settings, noise: of the diagnosis.
@@ -166,7 +166,7 @@ class Question:
         return known_rivals(self.model, self.record, self.settings, self.sets, self.noise)
 
     def bench(self, known: KnownRivals, held: tuple[float, ...], count: int | None = None) -> Bench:
-        """Where the next recording is made under these conditions, with so many samples (all of t if not given)."""
+        """Bench of the next recording under these conditions, with so many samples (all of t if not given)."""
         problem, t = known.problem, self.t[:count]
         windows, tells = windows_to_come(self.record, self.settings, t)
         names, readings = self.record.measured, worth(self.record)

@@ -34,7 +34,7 @@ from simgap.signals import multisine
 from simgap.statistics import norm
 
 _UNSEEN = 1e-10
-"""What is at hand cannot see an effect of which it leaves a smaller share."""
+"""Share that the data at hand leave of an effect, below which they cannot see it."""
 _ROUNDS = 3  # what was fitted to every sample is near its end on block means
 SIZES = norm.ppf(0.5 + 0.5 * (np.arange(8) + 0.5) / 8)
 """Sizes of a hidden effect, in standard errors of what is at hand: middles of eight equally likely ones."""
@@ -90,7 +90,7 @@ class Beside:
 def beside(
     model: SymbolicModel, record: Record, settings: DiagnosisSettings, answer: Explained, known: KnownRivals
 ) -> Beside:
-    """What may hide beside an answer, the first of what is known."""
+    """Effects that may hide beside an answer, the first of the rivals that are known."""
     noise = dict(zip(record.measured, map(float, known.problem.sigma), strict=True))
     parts, _ = parts_of(model, record, replace(settings, noise=noise))
     problem = coarse(parts.known)
@@ -265,7 +265,7 @@ def _told(found: Sequence[tuple[int, Try]], rivals: Sequence[Rival], benches: Se
 
 
 def _score(a: Try, rivals: Sequence[Rival], bench: Bench, counted: Counted) -> float:
-    """What is made large: how sure the pairs that count are told, and what would show beside the answer."""
+    """Objective of the search: how sure the pairs that count are told apart, and what would show beside the answer."""
     if len(rivals) == 1:
         return a.score
     z = _least(a.d, rivals, bench, counted)
@@ -301,7 +301,7 @@ def _fitting(bench: Bench, rivals: Sequence[Rival], wave: Wave, beside: Beside |
 
 
 def tried(bench: Bench, rivals: Sequence[Rival], wave: Wave, beside: Beside | None = None) -> Try | None:
-    """How far an input parts the rivals; None if one of them leaves the range of the plant."""
+    """Try of an input: how far it parts the rivals; None if one of them leaves the range of the plant."""
     u = bench.input(wave.u)
     moved: list[tuple[Floats, Floats]] = []
     for r in rivals:
@@ -406,7 +406,7 @@ def _shapes(t: Floats, rng: np.random.Generator) -> Iterator[tuple[str, Floats]]
 
 
 def missed(bench: Bench, best: Try, rivals: Sequence[Rival], right: int, wrong: int) -> Floats:
-    """What a wrong explanation would miss of a recording, fitted to it in full and not linearised.
+    """Error that a wrong explanation would leave of a recording, fitted to it in full and not linearised.
 
     Residuals over the noise, (n, k), of the wrong one on the recording to come alone, if the right one is right.
     """

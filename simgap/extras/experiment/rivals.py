@@ -59,7 +59,7 @@ class Rival:
 
 @dataclass(frozen=True, eq=False)
 class Bench:
-    """Where the next recording is made.
+    """Bench on which the next recording is made.
 
     Attributes:
         model: with the effects of all rivals; sigma: (k,) noise of the measured states.
@@ -89,7 +89,7 @@ class Bench:
 
     @property
     def compared(self) -> int:
-        """How many numbers of the recording to come are compared."""
+        """Number of values of the recording to come that are compared."""
         return self.windows.pick(self.tells).samples * len(self.sigma)
 
     def input(self, wave: Floats) -> Floats:
@@ -105,7 +105,7 @@ class Bench:
         return problem.states(rival.theta, begin), problem.predict(rival.theta, begin)
 
     def stays(self, x: Floats) -> bool:
-        """Whether states (n, nx) are finite and allowed."""
+        """True if states (n, nx) are finite and allowed."""
         return bool(np.all(np.isfinite(x)) and self.allowed.contains(x).all())
 
     def parts(self, states: Floats, readings: Floats, u: Floats, other: Rival) -> float:
@@ -140,7 +140,7 @@ class Bench:
 
 
 def margins(d: Floats, rivals: Sequence[Rival], bench: Bench) -> Floats:
-    """How surely the one at [A, .] is told from the one at [., B] if it is right, in standard deviations, (r, r).
+    """Margins, (r, r), in standard deviations, by which the one at [A, .] is told from that at [., B] if it is right.
 
     BIC of B must exceed that of A by `BIC_GAIN`; the difference of their chi^2 has mean D and variance 4 D, and that
     of the parameters that one has more. d: (r, r) with D(A, B) at [A, B].
@@ -162,7 +162,7 @@ Explained = Sequence[AppliedEffect]
 
 @dataclass(frozen=True, eq=False)
 class KnownRivals:
-    """What the recordings at hand say.
+    """Explanations that the recordings at hand leave open.
 
     Attributes:
         problem: their windows; rivals: fitted to them, the answer of the diagnosis first.

@@ -1,4 +1,4 @@
-"""What dry friction that the nominal model lacks will leave as a gap, guessed for the games of a proposal.
+"""Gap that dry friction which the nominal model lacks will leave, guessed for the games of a proposal.
 
 A force of constant size against the speed moves the states by a known amount a step, forwards or backwards: a gap that
 is shifted and not wide, but where the speed changes its sign within the step. By the linear model around a posture the
@@ -70,7 +70,7 @@ class Rubbing:
 
 
 def rubbing(model: SymbolicModel, posture: Posture, friction: Mapping[str, float] | None, tau: float) -> Rubbing | None:
-    """What the dry friction of joints, by name, does to the states; None where no joint rubs."""
+    """Effect of the dry friction of joints, by name, on the states over tau; None where no joint has any."""
     friction = friction or {}
     rubs = [c for c in model.coordinates if friction.get(c.name, 0.0) > 0.0]
     if not rubs:

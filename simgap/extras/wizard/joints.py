@@ -135,14 +135,14 @@ def check_positions(joints: Mapping[str, FileJoint], at: Mapping[str, float]) ->
 
 
 def centre_of(joint: FileJoint) -> float:
-    """Where a joint is looked at unless somebody says: at 0, or in the middle of a range that has no room about 0."""
+    """Position at which a joint is looked at unless given: 0, or the middle of a range that has no room about 0."""
     if joint.range is None or joint.range[0] + SPEED * TAU < 0.0 < joint.range[1] - SPEED * TAU:
         return 0.0
     return 0.5 * (joint.range[0] + joint.range[1])
 
 
 def _interval(urdf: Path, name: str, joint: FileJoint, at: float) -> tuple[float, float]:
-    """Of the position, around `at` or as near to it as the joint goes, with room for a step before its stops.
+    """Interval of the position, around `at` or as near to it as the joint goes, with room for a step before its stops.
 
     Raises:
         UserError: a range that leaves no room.

@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.effects import joint_effect
 from simgap.errors import UserError, excerpt
 from simgap.late import scipy
 from simgap.plants.urdf_checks import loading
@@ -113,7 +114,7 @@ def _check_names(path: Path, names: Sequence[str], turning: Sequence[str], asked
 
 
 def _check_loops(path: Path, model: Any, left: Collection[str], whole: bool) -> None:
-    """What couples joints is no tree; where all but some are locked, only what couples those."""
+    """Refuse constraints that couple joints, which no tree has; where all but some are locked, those of these alone."""
     mujoco = mjcf.require_mujoco()
     for k in range(model.neq):
         kind = mujoco.mjtEq(int(model.eq_type[k]))
@@ -291,10 +292,15 @@ def _effects(model: Any) -> Iterator[tuple[str, str, Mapping[str, float]]]:
     for j in range(model.njnt):
         name, dof = model.joint(j).name, int(model.jnt_dofadr[j])
         if model.dof_armature[dof] > 0.0:
-            yield "reflected_inertia", name, {"I": float(model.dof_armature[dof])}
+            yield _stated("armature", name, model.dof_armature[dof])
         rest = float(model.qpos_spring[model.jnt_qposadr[j]])
         if model.jnt_stiffness[j] > 0.0 and rest == 0.0:
-            yield "spring", name, {"k": float(model.jnt_stiffness[j])}
+            yield _stated("stiffness", name, model.jnt_stiffness[j])
+
+
+def _stated(attribute: str, joint: str, value: float) -> tuple[str, str, Mapping[str, float]]:
+    own = joint_effect(attribute)
+    return own.name, joint, {own.parameters[0].symbol: float(value)}
 
 
 def origin_of(place: Floats, turned: scipy.spatial.transform.Rotation) -> ElementTree.Element:

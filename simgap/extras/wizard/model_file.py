@@ -114,7 +114,7 @@ _MOVING = ("revolute", "continuous", "prismatic")
 
 @dataclass(frozen=True, eq=False)
 class Asked:
-    """What a person says of a robot: joints to keep, all if None; positions; what its base is; where its case goes."""
+    """Wishes of a person for a robot: joints to keep, all if None; positions; what its base is; where its case goes."""
 
     joints: Sequence[str] | None
     at: Mapping[str, float]

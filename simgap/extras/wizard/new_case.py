@@ -157,12 +157,12 @@ def _of_joints(
 
 
 def _damping(file: ModelFile, axes: list[Axis]) -> float:
-    """Of the joints, the least: the engine has one number, and what others have more is an effect each."""
+    """Least damping of the joints: the engine has one number, and what others have more is an effect each."""
     return min(file.joints[a.joint].damping for a in axes)
 
 
 def _damped(file: ModelFile, axes: list[Axis]) -> dict[str, float]:
-    """What joints have beyond the least, without the digits of rounding."""
+    """Damping beyond the least, by joint, without the digits of rounding."""
     more = {a.joint: float(f"{file.joints[a.joint].damping - _damping(file, axes):.12g}") for a in axes}
     return {joint: own for joint, own in more.items() if own > 0.0}
 
@@ -238,7 +238,7 @@ def _proposed(
 
 
 def _substeps(found: Proposal, axes: Sequence[Axis], rubs: Mapping[str, float]) -> int:
-    """Of the engine within tau: its usual ones, or so many that a step of the friction is small beside the inputs."""
+    """Engine's substeps within tau: as usual, or so many that a step of the friction is small beside the inputs."""
     usual = _usual_steps(found.tau)
     if not rubs:
         return usual

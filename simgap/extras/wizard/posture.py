@@ -176,7 +176,7 @@ _FAILED = 1e3
 
 @dataclass(frozen=True, eq=False)
 class Proportions:
-    """What one sampling time needs.
+    """Proportions of a case for one sampling time.
 
     Attributes:
         tau: s. cells: (n,) along each axis. box: (n,) half-widths, up to one factor for all of them.

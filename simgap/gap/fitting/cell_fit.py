@@ -110,7 +110,7 @@ def _beside(samples: DimensionSamples, directed: Directed, settings: GapSection,
 
 
 def _reach(where: SampleGrid, settings: GapSection, known: DimensionLipschitz) -> float:
-    """How far the gap may move within a cell, by its Lipschitz constants."""
+    """Largest move of the gap within a cell, by its Lipschitz constants."""
     h = where.moving_half_widths
     if settings.padding == "per_axis":
         return float(known.grid.constants @ h)

@@ -64,7 +64,7 @@ class OffGrid:
         return OffGrid(grid.index(directed.x), directed.at, residual)
 
     def moved(self, j: int, h: float) -> Floats:
-        """How far the residual may move along axis j within h on its own sheet, by its own neighbours there: (E, M).
+        """Largest move of the residual along axis j within h on its own sheet, by its own neighbours there: (E, M).
 
         A gap may be steep beside a surface (stick or slip) where it is flat in the middle of the cell.
         """
@@ -122,7 +122,7 @@ class LocalPadding:
         return self._padding(fit)
 
     def along(self, beside: OffGrid, fit: FitSlopes | None = None) -> tuple[Floats, Floats]:
-        """How far t - q.p may move from samples beside the grid: -> along their surface, across it; (E, M) each.
+        """Largest moves of t - q.p from samples beside the grid: along their surface, across it; (E, M) each.
 
         Along the surface they stand for half a cell on either side, by the slopes of the grid and by their own. What
         the residual does across it, between the centre of their cell and themselves, they show; the second number is

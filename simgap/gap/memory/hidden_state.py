@@ -20,7 +20,7 @@ from simgap.gap.bounds.previous import intervals
 from simgap.gap.thresholds import SMALL_INFLUENCE
 
 COORDINATES = 4
-"""What an excess over the grid of previous inputs depends on: two previous and two present commands of a robot."""
+"""Coordinates of an excess over the grid of previous inputs: two previous and two present commands of a robot."""
 
 
 def previous_inputs(values: Sequence[Floats], counts: Sequence[int], classes: Sequence[int] | None = None) -> Floats:

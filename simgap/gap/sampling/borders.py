@@ -185,7 +185,7 @@ def _listed(domain: GapDomain, functions: Sequence[_Function], levels: Sequence[
 def _along(
     domain: GapDomain, function: _Function, j: int, every: Sequence[Floats], fixed: Sequence[Floats]
 ) -> tuple[Floats, Bools, Ints]:
-    """Where lines along axis j through the other axes' levels meet a surface: states, what is fixed, sheets.
+    """Places where lines along axis j through the other axes' levels meet a surface: states, what is fixed, sheets.
 
     Shapes (n, nx), (n, nx), (n,).
     """
@@ -225,7 +225,7 @@ class _Function:
         return np.broadcast_to(np.asarray(value, dtype=float), len(x))
 
     def roots(self, domain: GapDomain, lines: Floats, j: int) -> tuple[Ints, Floats, Ints]:
-        """Where the surface is met along axis j: lines (L, nx) -> which line, the coordinate, which branch; (k,) each.
+        """Places where lines (L, nx) along axis j meet the surface: number of line, coordinate, branch; (k,) each.
 
         Roots of neighbouring lines that come as the same one of the same input are of one branch.
         """

@@ -283,7 +283,7 @@ class Bag:
 
 
 def _plain(data: bytes, size: int) -> bytes:
-    """As it is."""
+    """The data themselves."""
     return data
 
 

@@ -15,7 +15,8 @@ from simgap.arrays import Floats
 from simgap.diagnosis.record.channels import RawTable, no_time_column
 from simgap.diagnosis.thresholds import A_FEW
 from simgap.errors import UserError, excerpt, placed
-from simgap.io.parquet import checksum_holds, record_of
+from simgap.io.atomic import seal_holds
+from simgap.io.parquet import record_of
 from simgap.io.recordings.mcap_file import MAGIC, mcap_header, read_mcap
 from simgap.io.recordings.text_file import CsvLayout, csv_layout, json_cells, json_table, read_csv_columns
 from simgap.late import pyarrow as pa
@@ -208,7 +209,7 @@ def _from_text(column: Any, file: str, name: str) -> Any:
 
 
 def _is_number(text: str) -> bool:
-    """Whether Arrow reads it as one: Python's digits of other scripts and underscores are none."""
+    """True if Arrow reads a text as a number: Python's digits of other scripts and underscores are none."""
     try:
         pc.cast(pa.scalar(text.strip()), pa.float64())
     except pa.ArrowException:
@@ -225,9 +226,7 @@ def _no_nulls(column: Any, file: str, name: str) -> None:
 def _bad_cell(file: str, name: str, row: int, cell: str) -> UserError:
     what = f"'{cell[:40]}' is not a finite number" if cell else "the cell is empty or not a number"
     return UserError(
-        f"row {row + 1}, {name}: {what}",
-        file=file,
-        remedy="Remove the row, or empty the cell if it is no stamp.",
+        f"row {row + 1}, {name}: {what}", file=file, remedy="Remove the row, or empty the cell if it is no stamp."
     )
 
 
@@ -263,7 +262,7 @@ def parquet_header(path: Path, file: str) -> tuple[str, ...]:
     Raises:
         UserError: a file that is damaged or was changed, or two columns of one name.
     """
-    if checksum_holds(reading.read_bytes(path)) is False:  # one that simgap wrote; those of others carry none
+    if seal_holds(reading.read_bytes(path)) is False:  # one that simgap wrote; those of others carry none
         raise UserError(
             "was changed after it was written: its checksum does not fit", file=file, remedy="Make it again."
         )

@@ -39,7 +39,7 @@ _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?")
 
 @dataclass(frozen=True)
 class CsvLayout:
-    """How a CSV file is written: lines above the first row of data, delimiter, decimal sign, column names."""
+    """Layout of a CSV file: lines above the first row of data, delimiter, decimal sign, column names."""
 
     skip: int
     delimiter: str
@@ -261,7 +261,7 @@ def read_samples(path: Path, file: str) -> Samples:
 
 
 def _are_lines(path: Path, file: str) -> bool:
-    """Whether the first line is a value of its own and others follow it; what the file is called does not matter."""
+    """True if the first line is a value of its own and others follow it; what the file is called does not matter."""
     try:
         written = (line for line in reading.lines(path, file, MOST) if line.strip())
         first, more = next(written, ""), next(written, None) is not None

@@ -148,7 +148,7 @@ def on_plane(controller: Controller) -> Floats:
 
 
 def domains_image(gap_aware: Controller, nominal: Controller) -> NDArray[np.uint8]:
-    """Where each controller wins, as colours: (c1, c0, 3), second state upward.
+    """Winning domains of the controllers as colours: (c1, c0, 3), second state upward.
 
     More than two states: where it wins for every value of the others.
     """
@@ -354,7 +354,7 @@ def _eye(content: Content) -> Any:
 
 
 def first_seconds(content: Content) -> float:
-    """How much of the runs the curves show at first: enough to see the shortest run end, s."""
+    """Length of the runs that the curves show at first, s: enough to see the shortest run end."""
     durations = [t.duration for t in content.shown.values()]
     return max(0.05 * max(durations), min(max(durations), 6.0 * min(durations)))
 

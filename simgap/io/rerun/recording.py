@@ -85,7 +85,7 @@ def finite(entity: str, t: Floats, values: Floats) -> tuple[str, Floats, Floats]
 
 
 def share_of_bound(trace: Trace) -> Floats:
-    """Where the gap lies between its bounds: -1 at the lower, 1 at the upper one: (n, nx); NaN without a bound."""
+    """Place of the gap between its bounds: -1 at the lower, 1 at the upper one: (n, nx); NaN without a bound."""
     half = 0.5 * (trace.hi - trace.lo)
     with np.errstate(invalid="ignore", divide="ignore"):
         share = (trace.d - 0.5 * (trace.hi + trace.lo)) / half

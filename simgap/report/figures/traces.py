@@ -54,7 +54,7 @@ def trajectories_figure(
 
 
 def first_seconds(shown: Mapping[str, Trace]) -> float:
-    """How much of the runs is shown enlarged: enough to see the shortest one end, s."""
+    """Length of the runs that is shown enlarged, s: enough to see the shortest one end."""
     durations = [t.duration for t in shown.values()]
     return max(0.05 * max(durations), min(max(durations), 6.0 * min(durations)))
 
@@ -77,7 +77,7 @@ def _states(axis: Any, trace: Trace, model: Trace | None, safe: Box, j: int, unt
 
 
 def _limits(trace: Trace, model: Trace | None, safe: Box, j: int, until: float) -> tuple[float, float]:
-    """What the axis shows: the safe interval and the runs, with a margin."""
+    """Ends of the axis: the safe interval and the runs, with a margin."""
     seen = [t.x[t.t <= until, j] for t in (trace, model) if t is not None]
     ends = [v for v in (safe.lo[j], safe.hi[j]) if np.isfinite(v)]
     values = np.concatenate([*seen, ends])

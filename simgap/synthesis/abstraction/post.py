@@ -311,7 +311,7 @@ def table_filler(f: Kernel, jacobian: Kernel) -> Kernel:
 
 @njit(cache=True, error_model="numpy")
 def fill_affine(cells, which, own, header, start, value, slope, out):  # type: ignore[no-untyped-def]
-    """As `table_filler` where f is affine in x: value (M, n, 2) encloses f at `start`, slope (M, n, n, 2) df/dx."""
+    """Filler as `table_filler`, for f affine in x: value (M, n, 2) encloses f at `start`, slope (M, n, n, 2) df/dx."""
     n = own.size
     free = without_ends(header, own)
     work = np.empty((4, n))
