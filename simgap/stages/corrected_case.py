@@ -32,7 +32,7 @@ from simgap.plants.plant_model import PlantModel
 from simgap.simulators.commands import CommandPath
 from simgap.specifications.base import specification_of
 from simgap.stages.acted_out import ActedOut
-from simgap.synthesis.games.pending import bytes_of_nodes
+from simgap.synthesis.games.nodes import bytes_of_nodes
 from simgap.synthesis.input_sets import LARGEST_TABLES, packed_width
 
 LARGEST_ROLLOUTS = 2_000_000
