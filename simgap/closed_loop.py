@@ -129,28 +129,47 @@ def batch_loop(
 
     Each run is the one of `closed_loop`. A map records no path between samples.
     """
-    n, nx = starts.shape
-    x = np.full((steps + 1, n, nx), np.nan)
-    inputs = np.full((steps, n), -1, dtype=np.int64)
-    length, stuck = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=bool)
-    x[0] = starts
-    alive = np.arange(n)
-    first, late = int(getattr(policy, "first", 0)), bool(getattr(policy, "late", False))
-    kind = getattr(policy, "kind", None)
-    pending = np.full((steps + 1, n), first, dtype=np.int64)
+    late, kind = bool(getattr(policy, "late", False)), getattr(policy, "kind", None)
+    record, alive = Record(starts, steps, int(getattr(policy, "first", 0))), np.arange(len(starts))
     for k in range(steps):
-        alive = alive[~monitor.over_each(x[k, alive], x[k, alive])]
-        decided = policy.lookup(x[k, alive], pending[k, alive])
-        stuck[alive[decided < 0]] = True
+        alive = alive[~monitor.over_each(record.x[k, alive], record.x[k, alive])]
+        decided = policy.lookup(record.x[k, alive], record.memory[k, alive])
+        record.stuck[alive[decided < 0]] = True
         alive, decided = alive[decided >= 0], decided[decided >= 0]
         if len(alive) == 0:
             break
-        now, pending[k + 1, alive] = after_choice(kind, late, pending[k, alive], decided)
-        x[k + 1, alive] = step(x[k, alive], policy.input_set[now])
-        inputs[k, alive] = now
-        length[alive] = k + 1
-    paths = [(x[: n + 1, i], inputs[:n, i], pending[: n + 1, i]) for i, n in enumerate(length.tolist())]
-    return [Run(path, own, bool(stuck[i]), path, None, known) for i, (path, own, known) in enumerate(paths)]
+        now, after = after_choice(kind, late, record.memory[k, alive], decided)
+        record.add(k, alive, step(record.x[k, alive], policy.input_set[now]), now, after)
+    return record.runs()
+
+
+class Record:
+    """States, measurements, inputs and memories of runs side by side, from their starts (n, nx) and first memory."""
+
+    def __init__(self, starts: Floats, steps: int, first: int) -> None:
+        n, nx = starts.shape
+        self.x, self.measured = np.full((steps + 1, n, nx), np.nan), np.full((steps + 1, n, nx), np.nan)
+        self.x[0] = self.measured[0] = starts
+        self.inputs, self.memory = np.full((steps, n), -1, np.int64), np.full((steps + 1, n), first, np.int64)
+        self.near, self.watched = np.full((steps + 1, n), np.inf), False
+        self.length, self.stuck = np.zeros(n, np.int64), np.zeros(n, np.bool_)
+
+    def add(self, k: int, alive: Ints, x: Floats, now: Ints, memory: Ints, near: Floats | None = None) -> None:
+        """Note the step after sample k of these runs, (n,) each, to states x (n, nx)."""
+        self.x[k + 1, alive] = self.measured[k + 1, alive] = x
+        self.inputs[k, alive], self.memory[k + 1, alive] = now, memory
+        self.length[alive] = k + 1
+        if near is not None:
+            self.near[k + 1, alive], self.watched = near, True
+
+    def runs(self) -> list[Run]:
+        """The runs, one by one."""
+        out = []
+        for i, n in enumerate(self.length.tolist()):
+            near = self.near[: n + 1, i] if self.watched else None
+            x, measured, known = self.x[: n + 1, i], self.measured[: n + 1, i], self.memory[: n + 1, i]
+            out.append(Run(x, self.inputs[:n, i], bool(self.stuck[i]), measured, near, known))
+        return out
 
 
 LEFT = "left what is certified"

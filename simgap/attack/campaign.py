@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from simgap.arrays import Bools, Floats, Ints
 from simgap.attack.share import KEPT, share
-from simgap.closed_loop import Judge, split_by_run
+from simgap.closed_loop import Judge, Record, split_by_run
 from simgap.gap.bounds.function import GapFunction
 from simgap.geometry import Grid, drawn_in_cells
 from simgap.plants.context import Context
@@ -66,15 +66,6 @@ class ControlLaw:
         corners = np.array(list(itertools.product(*signs)), dtype=float) * self.error
         return np.unique(np.concatenate([np.zeros((1, len(self.error))), corners]), axis=0)
 
-    @cached_property
-    def _ended(self) -> Bools:
-        """Measured cells at which a run is over, (cells,): asked for once, because it looks at all of them."""
-        return self.solution.ended if self.solution.target is not None else np.zeros(self.solution.grid.size, np.bool_)
-
-    def first(self, count: int) -> Ints:
-        """The memory of `count` runs before their first sample."""
-        return np.full(count, self.solution.first, dtype=np.int64)
-
     def acting(self, memory: Ints, last: Ints) -> Ints:
         """The input that acts now whatever is chosen, where inputs are late; else the `last` one, (n,) each."""
         return self.applied(memory, np.zeros_like(memory))[0] if self.solution.late else last
@@ -104,7 +95,7 @@ class ControlLaw:
         known = cells >= 0
         rows = np.where(known, cells * s.memory + memory, 0)
         admitted = unpack(s.admitted(len(self.inputs), rows), len(self.inputs)) & known[:, None]
-        return admitted, self._ended[np.where(known, cells, 0)] & known
+        return admitted, s.ended[np.where(known, cells, 0)] & known
 
 
 NOWHERE = 1e9  # outside the grid: nothing is nearer to losing
@@ -470,14 +461,13 @@ def play(
     A run ends early where the controller has no input at some measurement (it is then `stuck`), and where it may be
     over: at once where every measurement says so, by chance where only some do.
     """
-    n, nx = starts.shape
-    record = _Record(n, nx, steps, law)
-    x, memory = starts.copy(), law.first(n)
-    alive, last = np.arange(n), np.full(n, -1)
+    record = Record(starts, steps, law.solution.first)
+    x, memory = starts.copy(), record.memory[0].copy()
+    alive, last = np.arange(len(x)), np.full(len(x), -1)
     plants.reset(starts)
     for k in range(steps):
         options = law.options(space.wrapped(x[alive]), memory[alive])
-        going = record.sort_out(k, alive, x[alive], options, rng)
+        going = _sort_out(record, law, k, alive, options, rng)
         alive = alive[going]
         if len(alive) == 0:
             break
@@ -492,43 +482,17 @@ def play(
     return record.runs()
 
 
-class _Record:
-    """States, measurements, inputs and memories of runs side by side."""
-
-    def __init__(self, n: int, nx: int, steps: int, law: ControlLaw) -> None:
-        self.x, self.measured = np.full((steps + 1, n, nx), np.nan), np.full((steps + 1, n, nx), np.nan)
-        self.inputs, self.memory = np.full((steps, n), -1, np.int64), np.tile(law.first(n), (steps + 1, 1))
-        self.near, self.watched = np.full((steps + 1, n), np.inf), False
-        self.length, self.stuck = np.zeros(n, np.int64), np.zeros(n, np.bool_)
-        self._law = law
-
-    def sort_out(self, k: int, alive: Ints, x: Floats, options: Options, rng: np.random.Generator) -> Bools:
-        """Note sample k of the runs that are alive, (n,) with states x (n, nx); which of them go on: (n,)."""
-        self.x[k, alive], self.measured[k, alive] = x, x
-        stuck = options.stuck >= 0
-        over = ~stuck & (options.ended >= 0)
-        over &= ~options.inputs.any(axis=1) | (rng.integers(0, 2, len(alive)) == 0)
-        for which, corner in ((stuck, options.stuck), (over, options.ended)):
-            self.measured[k, alive[which]] = x[which] + self._law.corners[corner[which]]
-        self.stuck[alive[stuck]] = True
-        return ~stuck & ~over
-
-    def add(self, k: int, alive: Ints, x: Floats, now: Ints, memory: Ints, near: Floats | None) -> None:
-        """Note the step after sample k of these runs, (n,) each, to states x (n, nx)."""
-        self.x[k + 1, alive], self.measured[k + 1, alive] = x, x
-        self.inputs[k, alive], self.memory[k + 1, alive] = now, memory
-        self.length[alive] = k + 1
-        if near is not None:
-            self.near[k + 1, alive], self.watched = near, True
-
-    def runs(self) -> list[Run]:
-        """The runs, one by one."""
-        out = []
-        for i, n in enumerate(self.length.tolist()):
-            near = self.near[: n + 1, i] if self.watched else None
-            x, measured, known = self.x[: n + 1, i], self.measured[: n + 1, i], self.memory[: n + 1, i]
-            out.append(Run(x, self.inputs[:n, i], bool(self.stuck[i]), measured, near, known))
-        return out
+def _sort_out(
+    record: Record, law: ControlLaw, k: int, alive: Ints, options: Options, rng: np.random.Generator
+) -> Bools:
+    """Note how sample k of the runs that are alive (n,) is measured where they end; which of them go on: (n,)."""
+    stuck = options.stuck >= 0
+    over = ~stuck & (options.ended >= 0)
+    over &= ~options.inputs.any(axis=1) | (rng.integers(0, 2, len(alive)) == 0)
+    for which, corner in ((stuck, options.stuck), (over, options.ended)):
+        record.measured[k, alive[which]] += law.corners[corner[which]]
+    record.stuck[alive[stuck]] = True
+    return ~stuck & ~over
 
 
 def attack_loops(

@@ -42,7 +42,7 @@ from simgap.simulators.commands import CommandPath
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import follow
 from simgap.specifications.base import specification_of
-from simgap.synthesis.games.pending import bytes_of_nodes
+from simgap.synthesis.games.nodes import bytes_of_nodes
 from simgap.synthesis.input_sets import LARGEST_TABLES, packed_width
 
 log = logging.getLogger("simgap")

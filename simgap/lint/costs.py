@@ -21,7 +21,7 @@ from simgap.plants.context import Context
 from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
 from simgap.synthesis.abstraction.nominal import is_tabulated
-from simgap.synthesis.games.reach import MOST_KEPT
+from simgap.synthesis.games.nodes import MOST_KEPT
 
 START = 1.2
 """CPU seconds that a stage takes to start: imports, compiled kernels read back; the nominal model comes on top."""

@@ -20,9 +20,7 @@ from simgap.synthesis.abstraction.intersample import SweptCells
 from simgap.synthesis.abstraction.nominal import nominal_abstraction
 from simgap.synthesis.abstraction.post import Kernel
 from simgap.synthesis.controller import least_effort
-from simgap.synthesis.games.game import MeasuredGame, PreviousBounds, one_input_only
-from simgap.synthesis.games.pending import LateGame
-from simgap.synthesis.games.sensing import TrueGame
+from simgap.synthesis.games.game import NodeGame, PreviousBounds, one_input_only
 
 
 class EmptyDomain(UserError):
@@ -104,20 +102,15 @@ class SynthesisProblem:
         first = int(least_effort(self.inputs)[0]) if self.first is None else self.first
         if self.one and (self.on_true_cells or self.latency or self.previous is not None):
             raise one_input_only("a controller that remembers, or that keeps cells of the true state")
+        about = self.space, stray, threads, self.latency > 0, first
         if self.on_true_cells:
             error = nothing if self.error is None else np.asarray(self.error)
-            cells = (self.abstraction(),)
-            return TrueGame(self.space, cells, stray, threads, blur=error, latency=self.latency, first=first)
-        boxes: tuple[Abstraction, ...]
+            return NodeGame((self.abstraction(),), *about, blur=error)
         if self.previous is None:
-            boxes, kind, rest, after_any = (self.abstraction(),), None, 0, None
-        else:
-            own = self.previous
-            boxes = tuple(self._boxes(*pair) for pair in zip(own.gaps, own.swept, strict=True))
-            kind, rest, after_any = own.kind, own.rest, self.abstraction
-        if self.latency:
-            return LateGame(self.space, boxes, stray, threads, kind, rest, first)
-        return MeasuredGame(self.space, boxes, stray, threads, kind, rest, self.one, after_any)
+            return NodeGame((self.abstraction(),), *about, one=self.one)
+        own = self.previous
+        boxes = tuple(self._boxes(*pair) for pair in zip(own.gaps, own.swept, strict=True))
+        return NodeGame(boxes, *about, own.kind, own.rest, after_any=self.abstraction)
 
 
 def synthesise(problem: SynthesisProblem, threads: int = 1) -> Solution:

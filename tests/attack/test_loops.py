@@ -14,9 +14,8 @@ from simgap.specifications.space import Space
 from simgap.stages.validation import draw_starts
 from simgap.synthesis.abstraction.nominal import nominal_abstraction
 from simgap.synthesis.controller import Controller
-from simgap.synthesis.games.game import MeasuredGame
+from simgap.synthesis.games.game import NodeGame
 from simgap.synthesis.games.invariance import invariance
-from simgap.synthesis.games.sensing import sensed_invariance
 from tests.synthesis import synthesis_plants as plants
 
 BOX = Box([0.0, -0.5], [0.2, 0.5])
@@ -117,7 +116,7 @@ def test_measurement_corners_are_part_of_the_attack(problem):
     _, _, abstraction, solution = problem
     error = np.array([0.0015, 0.012])
     assert attack(problem, solution, error=error).violations > 0
-    made = sensed_invariance(abstraction, error, 0)
+    made = plants.held_by_measurements(abstraction, error)
     assert made.winning.any()
     assert attack(problem, made, error=error).violations == 0
 
@@ -125,7 +124,7 @@ def test_measurement_corners_are_part_of_the_attack(problem):
 def test_a_sample_of_latency_is_part_of_the_attack(problem):
     _, inputs, abstraction, _ = problem
     error, first = np.array([0.0, 0.0]), int(np.argmin(np.abs(inputs[:, 0])))
-    made = sensed_invariance(abstraction, error, 1, first=first)
+    made = plants.held_by_measurements(abstraction, error, late=True, first=first)
     assert made.late
     found = attack(problem, made)
     assert found.violations == 0
@@ -141,7 +140,7 @@ def test_a_sample_of_latency_is_part_of_the_attack(problem):
 def test_runs_go_on_where_they_must_stay(problem):
     """Longer than the way to the target by as much as runs that only stay; without that, they end where they arrive."""
     asked = ReachAndStay(kind="reach_and_stay", target={"x1": (0.05, 0.15), "x2": (-0.25, 0.25)})
-    made = asked.solve(MeasuredGame(SPACE, (problem[2],), np.zeros(2)))
+    made = asked.solve(NodeGame((problem[2],), SPACE, np.zeros(2)))
     way = int(made.value.max()) + 1
     assert way > 2
     monitor = asked.monitor(SPACE, made)

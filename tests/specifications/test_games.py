@@ -17,7 +17,7 @@ from simgap.specifications.reaching import ReachAndStay, ReachAvoid
 from simgap.specifications.space import Space
 from simgap.synthesis.abstraction.cells import Abstraction
 from simgap.synthesis.abstraction.post import table_meta, table_post
-from simgap.synthesis.games.game import MeasuredGame
+from simgap.synthesis.games.game import NodeGame
 
 INPUTS = 4
 PROBLEMS = 250
@@ -68,7 +68,7 @@ class Tiny:
         table = self.offsets.astype(np.int32).reshape(-1)
         u = np.arange(INPUTS, dtype=float)[:, None]
         a = Abstraction(grid, u, table_post(), meta, np.zeros(1), table, self.axes, np.zeros(2))
-        return asked.solve(MeasuredGame(space, (a,), np.zeros(2)))
+        return asked.solve(NodeGame((a,), space, np.zeros(2)))
 
 
 class Oracle:

@@ -16,8 +16,7 @@ from simgap.specifications.space import Space
 from simgap.synthesis.abstraction.cells import Abstraction
 from simgap.synthesis.abstraction.intersample import SweptCells
 from simgap.synthesis.abstraction.post import table_meta, table_post
-from simgap.synthesis.games.game import MeasuredGame
-from simgap.synthesis.games.pending import LateGame
+from simgap.synthesis.games.game import NodeGame
 
 INPUTS, PROBLEMS = 3, 100
 NAMES = "abc"
@@ -84,9 +83,7 @@ class Tiny:
             swept = SweptCells(self.n - 1, *(ends.astype(np.int32) for ends in self.paths))
         u = np.arange(INPUTS, dtype=float)[:, None]
         a = Abstraction(grid, u, table_post(), meta, np.zeros(1), table, axes, self.error, swept)
-        stray = np.zeros(self.n)
-        game = LateGame(space, (a,), stray, first=self.first) if self.late else MeasuredGame(space, (a,), stray)
-        return asked.solve(game)
+        return asked.solve(NodeGame((a,), space, np.zeros(self.n), late=bool(self.late), first=self.first))
 
 
 class Oracle:
@@ -204,8 +201,8 @@ def test_a_plant_that_remembers_the_class_of_the_input_before(seed):
     offsets = np.stack([low, low + (rng.random(low.shape) < 0.2)], axis=-1).astype(np.int32)
     boxes = [Abstraction(grid, u, table_post(), meta, np.zeros(1), o.reshape(-1), axes, np.zeros(2)) for o in offsets]
     first, rest = int(rng.integers(inputs)), int(rng.integers(2))
-    about = Space(("a", "b"), space, (1,)), tuple(boxes), np.zeros(2), 2, kind.astype(np.int64), rest
-    game = LateGame(*about, first)
+    about = tuple(boxes), Space(("a", "b"), space, (1,)), np.zeros(2), 2
+    game = NodeGame(*about, late=True, first=first, kind=kind.astype(np.int64), rest=rest)
     target = rng.random((2, 16, inputs)) < 0.3
     free = rng.random(16) < 0.9
 

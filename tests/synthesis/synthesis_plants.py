@@ -6,7 +6,10 @@ import numpy as np
 import sympy as sp
 from numba import njit
 
+from simgap.geometry import Box
 from simgap.model.sampled import NominalModel
+from simgap.specifications.space import Space
+from simgap.synthesis.games.game import NodeGame
 
 
 @cache
@@ -84,3 +87,11 @@ def small_slope():
             hi[i] = 1e-3 * (xhi[0] + 0.1 * xhi[1] + 0.01 * u[0]) + 1e-5
 
     return gap
+
+
+def held_by_measurements(abstraction, error, late=False, first=0):
+    """What can be held of all cells of the true state, measured with an error, perhaps a sample late."""
+    grid = abstraction.grid
+    space = Space(("a", "b"), Box(grid.box.lo, grid.box.hi), grid.periodic)
+    game = NodeGame((abstraction,), space, np.zeros(2), late=late, first=first, blur=np.asarray(error))
+    return game.invariant(np.ones(grid.size, np.bool_))

@@ -17,7 +17,7 @@ from simgap.specifications.space import Space
 from simgap.synthesis.abstraction import nominal
 from simgap.synthesis.abstraction.nominal import nominal_abstraction
 from simgap.synthesis.games import reach
-from simgap.synthesis.games.game import MeasuredGame
+from simgap.synthesis.games.game import NodeGame
 from simgap.synthesis.games.invariance import invariance
 from simgap.synthesis.games.reach import reach_avoid
 from simgap.synthesis.input_sets import unpack
@@ -176,7 +176,7 @@ def test_a_winning_cell_has_an_input_whose_box_stays_winning(cells):
     grid = Grid(region, [10 * c for c in cells])
     a = nominal_abstraction(model, grid, inputs, constant_gap(1e-4, 1e-4), ())
     space = Space(("x1", "x2"), region)
-    game = MeasuredGame(space, (a,), np.zeros(2))
+    game = NodeGame((a,), space, np.zeros(2))
     solution = Invariance(kind="invariance", safe={"x1": (0.0, 0.2)}).solve(game)
     assert 0.3 < solution.fraction < 1
     winning = solution.winning.reshape(grid.cells)

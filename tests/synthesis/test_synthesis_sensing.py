@@ -9,11 +9,10 @@ from simgap.geometry import Box
 from simgap.specifications.invariance import Invariance
 from simgap.specifications.space import Space
 from simgap.synthesis.controller import Controller
-from simgap.synthesis.games.sensing import sensed_invariance
 from simgap.synthesis.input_sets import unpack
 from simgap.synthesis.synthesise import SynthesisProblem, synthesise
 from tests.synthesis import synthesis_oracle as oracle
-from tests.synthesis.synthesis_plants import constant_gap, pendulum
+from tests.synthesis.synthesis_plants import constant_gap, held_by_measurements, pendulum
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -22,7 +21,7 @@ def test_latency_alone_is_the_brute_force_game_on_pairs(seed):
     cells, inputs = (8, 7), 6
     abstraction = oracle.random_abstraction(rng, cells, (1,), inputs, spread=1, drift=1)
     pairs = oracle.delayed(oracle.transitions(abstraction), inputs)
-    found = sensed_invariance(abstraction, np.zeros(2), 1, first=seed % inputs)
+    found = held_by_measurements(abstraction, np.zeros(2), late=True, first=seed % inputs)
     rows = unpack(found.mask, inputs).reshape(*cells, inputs, inputs)
     assert {(k, p) for *k, p in map(tuple, np.argwhere(rows.any(-1))) for k in [tuple(k)]} == pairs
     may = unpack(found.acting, inputs).reshape(*cells, inputs)
@@ -38,7 +37,7 @@ def test_with_error_every_measurement_of_a_winning_cell_keeps_it_winning(seed):
     cells, inputs = (14, 13), 12
     abstraction = oracle.random_abstraction(rng, cells, (), inputs, axes=((0,), (1,)), spread=1, drift=2)
     moves = oracle.transitions(abstraction)
-    found = sensed_invariance(abstraction, 0.9 * 2 * abstraction.grid.h * np.array([1, 0]), 0)
+    found = held_by_measurements(abstraction, 0.9 * 2 * abstraction.grid.h * np.array([1, 0]))
     wins = {tuple(k) for k in np.argwhere(found.winning.reshape(found.grid.cells)) - [1, 0]}
     bits = unpack(found.mask, inputs).reshape(*found.grid.cells, inputs)
     for a, b in wins:

@@ -40,19 +40,12 @@ from simgap.geometry import Grid
 from simgap.late import scipy
 
 
-def steps(e: Floats, j: int, grid: Grid) -> Floats:
-    """Differences of neighbours along j: (..., k, ..., M) -> (..., k - 1, ..., M); k, with the seam, if periodic."""
-    if j in grid.periodic:
-        return np.roll(e, -1, axis=j) - e
-    return np.diff(e, axis=j)
-
-
-def double_steps(e: Floats, j: int, grid: Grid, cells: int = 2) -> Floats:
-    """Differences over `cells` cells along axis j: (..., k, ..., M) -> (..., k - cells, ..., M), or k if periodic."""
+def steps(e: Floats, j: int, grid: Grid, cells: int = 1) -> Floats:
+    """Differences over `cells` cells along j: (..., k, ..., M) -> (..., k - cells, ..., M), or k if periodic."""
     if j in grid.periodic:
         return np.roll(e, -cells, axis=j) - e
-    n = e.shape[j]
-    return np.take(e, range(cells, n), axis=j) - np.take(e, range(n - cells), axis=j)
+    before = (slice(None),) * j
+    return e[(*before, slice(cells, None))] - e[(*before, slice(max(0, e.shape[j] - cells)))]
 
 
 def contain(out: Bools, j: int, grid: Grid, cells: int) -> Bools:
@@ -342,7 +335,7 @@ class Roughness:
             out = np.abs(steps(e, j, grid)) > self.one[j]
             rough |= to_cells(out, j, grid) > 0
             if np.isfinite(two):
-                far = np.abs(double_steps(e, j, grid)) > two
+                far = np.abs(steps(e, j, grid, 2)) > two
                 rough |= middle(far & ~contain(out, j, grid, 1), j, grid)
         if rough.any():
             rough = (
@@ -381,7 +374,7 @@ def _gates(
 
 def _rest(e: Floats, j: int, grid: Grid, cells: int, above: float, known: float) -> tuple[float, float]:
     """Largest differences over `cells` cells and over twice as many, without those that are out."""
-    step, wide = (np.abs(double_steps(e, j, grid, n)) for n in (cells, 2 * cells))
+    step, wide = (np.abs(steps(e, j, grid, n)) for n in (cells, 2 * cells))
     if np.isfinite(min(above, known)):
         out = step > above
         if np.isfinite(known):
@@ -484,7 +477,7 @@ def _resolution(d: Values, axes: tuple[int, ...], grid: Grid, floor: float) -> l
     for slab in slabs(grid, d.shape[1], 4):
         e = slab.read(d)
         for some, (j, n) in ((some, key) for some in slab.inputs for key in top):
-            top[j, n] = max(top[j, n], float(np.abs(double_steps(e[..., some], j, slab.grid, n)).max(initial=0.0)))
+            top[j, n] = max(top[j, n], float(np.abs(steps(e[..., some], j, slab.grid, n)).max(initial=0.0)))
     pairs = {j: list(pairwise(top[j, n] / n for n in known[j])) for j in axes}
     return [max((a / b if b > 0.0 else np.inf for a, b in pairs[j] if a > floor), default=1.0) for j in axes]
 
