@@ -12,9 +12,9 @@ import yaml
 
 from simgap.errors import UserError
 from simgap.extras.wizard import new_case as new
+from simgap.extras.wizard.driven_arm import Proposal
 from simgap.extras.wizard.dry_friction_guess import blocks_along
 from simgap.extras.wizard.joints import axes_of, centre_of, drives, needed_inputs
-from simgap.extras.wizard.proposal import Proposal
 from simgap.extras.wizard.propose import Numbers
 from simgap.io.controller_file import load_controller
 from simgap.io.wheeled_urdf import wheels_of
@@ -117,7 +117,7 @@ def test_a_case_of_four_states_has_the_numbers_that_were_found(root, tmp_path, m
     """The search itself is tested in tests/synthesis/test_proposal.py; here is what the case makes of it."""
     asked, notes = [], []
 
-    def numbers(case, folder, at, limits, room, tell, seconds, rubs):
+    def numbers(case, folder, at, limits, room, tell, until, rubs):
         asked.append((at, limits, room))
         return NUMBERS
 

@@ -87,7 +87,7 @@ def compiled(path: Path, keep: Collection[str] | None, bolted: bool, at: Mapping
     whole = len(left) == len(names)
     _check_loops(path, model, left, whole)
     efforts = {n: most_force(model, names.index(n)) for n in left}
-    left_out = tuple(_left_out(model, len(names) - len(left)))
+    left_out = tuple(_left_out(model, left))
     alone = None
     if not whole or _acting(model):
         model, alone = _alone(path, left, at)
@@ -146,11 +146,15 @@ def _acting(model: Any) -> bool:
     return bool(model.na) or any(np.any(values) for values in own)
 
 
-def _left_out(model: Any, locked: int) -> Iterator[str]:
-    if locked:
+def _left_out(model: Any, left: Sequence[str]) -> Iterator[str]:
+    if locked := model.njnt - len(left):
         yield f"{locked} joint{'s' * (locked > 1)}, which stand still"
     if _acting(model):
-        yield "servos, for the inputs of the case are forces on joints"
+        gains = [
+            f"{name} kp = {0.0 - model.actuator_biasprm[k, 1]:g} kv = {0.0 - model.actuator_biasprm[k, 2]:g}"
+            for name in left for k in motors_of(model, model.joint(name).id) if np.any(model.actuator_biasprm[k])
+        ]  # fmt: skip
+        yield f"servos ({', '.join(gains) or 'no gains'}), for the inputs of the case are forces on joints"
     if model.ntendon:
         yield "tendons"
     if model.ngeom:
