@@ -192,6 +192,11 @@ def test_an_arm_of_two_motors_has_the_same_reasons():
         propose(model, sampled(model), {}, {"u1": 0.5, "u2": 3.0}, {"q1": (-1e-5, 1e-5)})
 
 
+def test_an_arm_that_its_motors_do_not_hold_is_told_so_and_not_that_it_lacks_room():
+    with pytest.raises(UserError, match=r"^--at: holding the posture takes 0\.\d+ of u1, its limit is 0\.01"):
+        propose(arm(), sampled(arm()), {"q2": 1.0}, {"u1": 0.01, "u2": 9.0}, {})
+
+
 def test_equations_that_are_in_other_units_are_told_from_ones_that_no_input_moves():
     v, u = symbol("v"), symbol("u")
     states = (Variable("q", "rad"), Variable("v", "rad/s"))
