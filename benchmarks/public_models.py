@@ -219,9 +219,10 @@ def page(rows: list[dict[str, Any]]) -> str:
         "simgap. Right is what was written down by hand from the files: a case, or a refusal for that reason. Made by "
         f"`python benchmarks/public_models.py` with {SEARCH:g} s for the search of numbers; where a run "
         "followed (--run), what the controller wins, how often it failed, the CPU time of the run and what "
-        "`simgap check` had said of it. Minutes are of the clock, on one of two cores, beside the load that stands "
-        "there (processes that wait or compute, mean of five minutes). A row keeps the numbers of the code that made "
-        "it.",
+        "`simgap check` had said of it.",
+        "",
+        "Minutes are of the clock, on one of two cores, beside the load that stands there (processes that wait or "
+        "compute, mean of five minutes). A row keeps the numbers of the code that made it.",
         "",
         ". ".join(f"{name}: {n}" for name, n in counts(rows).items()) + ".",
         "",
