@@ -206,15 +206,10 @@ def _proposed(about: Mapping[str, Any], file: ModelFile, asked: Asked) -> dict[s
     axes: list[Axis] = about["axes"]
     plant = text("new_plant.yaml.j2", **about)
     case = parse_case(plain_content(plant), asked.place.with_name(f"{about['name']}.yaml"))
-    limits, room = {}, {}
-    for a in axes:
-        joint = file.joints[a.joint]
-        if a.driven and joint.effort:
-            limits[a.drive] = joint.effort
-        if joint.range is not None:
-            room[a.position] = joint.range
-        if joint.velocity:
-            room[a.velocity] = (-joint.velocity, joint.velocity)
+    joints = {a: file.joints[a.joint] for a in axes}
+    limits = {a.drive: j.effort for a, j in joints.items() if a.driven and j.effort}
+    room = {a.position: j.range for a, j in joints.items() if j.range is not None}
+    room |= {a.velocity: (-j.velocity, j.velocity) for a, j in joints.items() if j.velocity}
     at = {a.position: a.centre for a in axes}
     try:
         found = numbers(case, asked.place.parent, at, limits, room, asked.tell, asked.until, about["rubs"])

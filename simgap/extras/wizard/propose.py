@@ -97,9 +97,8 @@ def run(path: Path, at: Mapping[str, float], tell: Callable[[str], None], second
     until = time.process_time() + seconds
     context = Context.load(path)
     case = context.case
-    limits = {}
-    if case.domain is not None:
-        limits = {n: max(abs(u.list()[0]), abs(u.list()[-1])) for n, u in case.domain.U.items()}
+    U = case.domain.U if case.domain is not None else {}
+    limits = {n: max(abs(u.list()[0]), abs(u.list()[-1])) for n, u in U.items()}
     with context.blame():
         return numbers(case, context.folder, at, limits, {}, tell, until, _rubs(case))
 
