@@ -20,7 +20,7 @@ from pathlib import Path
 
 from simgap.gap.sampling.points import own_point
 from simgap.io.runs import JobTime, job_times
-from simgap.lint.costs import costs
+from simgap.lint.costs import costs, slowness
 from simgap.lint.engine import of_engine
 from simgap.plants.context import Context
 
@@ -44,7 +44,7 @@ def rows(results: Path, folder: Path, case: str) -> list[tuple[str, float, float
     build = time.process_time() - began
     _, rollout = of_engine(context, None)
     jobs, point = job_times(results), own_point(context.case)
-    every = costs(context, rollout, build=build)
+    every = costs(context, rollout, build=build, slower=slowness())
     found = [(c.stage, c.seconds, measured(jobs, case, c.stage, point), c.at_most) for c in every]
     return [row for row in found if row[2] > 0]
 

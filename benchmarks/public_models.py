@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 import multiprocessing
+import os
 import re
 import resource
 import site
@@ -157,7 +158,7 @@ def _child(path: Path, options: dict[str, Any], pipe: Any, run: bool) -> None:
 def row(found: Path, package: str, name: str, options: dict[str, Any], right: str, run: bool) -> dict[str, Any]:
     """One file in a process of its own."""
     here, there = multiprocessing.Pipe(duplex=False)
-    before = _spent()
+    before, began = _spent(), time.perf_counter()
     process = multiprocessing.get_context("fork").Process(target=_child, args=(found, options, there, run))
     process.start()
     there.close()
@@ -172,7 +173,8 @@ def row(found: Path, package: str, name: str, options: dict[str, Any], right: st
         else said["became"] == "refused" and right.lower() in said["why"].lower()
     )
     return {"package": package.split("/")[0], "file": name, "options": options, "right": right, **said, "good": good,
-            "cpu_s": round(_spent() - before, 1)}  # fmt: skip
+            "cpu_s": round(_spent() - before, 1), "minutes": round((time.perf_counter() - began) / 60, 1),
+            "load": round(os.getloadavg()[1], 1)}  # fmt: skip
 
 
 def counts(rows: list[dict[str, Any]]) -> dict[str, int]:
@@ -217,12 +219,15 @@ def page(rows: list[dict[str, Any]]) -> str:
         "simgap. Right is what was written down by hand from the files: a case, or a refusal for that reason. Made by "
         f"`python benchmarks/public_models.py` with {SEARCH:g} s for the search of numbers; where a run "
         "followed (--run), what the controller wins, how often it failed, the CPU time of the run and what "
-        "`simgap check` had said of it. A row keeps the numbers of the code that made it.",
+        "`simgap check` had said of it.",
+        "",
+        "Minutes are of the clock, on one of two cores, beside the load that stands there (processes that wait or "
+        "compute, mean of five minutes). A row keeps the numbers of the code that made it.",
         "",
         ". ".join(f"{name}: {n}" for name, n in counts(rows).items()) + ".",
         "",
-        "| package | file | options | became | right | CPU s | of its run, check said | what was said |",
-        "|---|---|---|---|---|---|---|---|",
+        "| package | file | options | became | right | minutes, load | CPU s | its run, check said | what was said |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     for r in rows:
         became = r["became"]
@@ -241,6 +246,7 @@ def page(rows: list[dict[str, Any]]) -> str:
             _options(r["options"]),
             became,
             right,
+            f"{r['minutes']}, {r['load']}" if "minutes" in r else "",
             str(r["cpu_s"]),
             f"{r['run_s']:.0f}, {r['told_s']:.0f}" if r.get("runs") else "",
             why,
@@ -267,11 +273,9 @@ def main() -> None:
         there = any((r["package"], r["file"], r["options"]) == (package.split("/")[0], name, options) for r in rows)
         if found is None or asked.only not in name or (asked.missing and there):
             continue
-        began = time.perf_counter()
         own = row(found, package, name, options, right, asked.run)
         rows = [r for r in rows if (r["package"], r["file"], r["options"]) != (own["package"], name, options)] + [own]
-        print(rows[-1]["good"], name, rows[-1]["became"], rows[-1]["why"][:160], f"{time.perf_counter() - began:.0f} s",
-              file=sys.stderr, flush=True)  # fmt: skip
+        print(own["good"], name, own["became"], own["why"][:160], f"{own['minutes']} min", file=sys.stderr, flush=True)
         OUT.write_text(json.dumps({"counts": counts(rows), "rows": rows}, indent=1) + "\n")
         PAGE.write_text(page(rows))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import time
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -29,6 +30,9 @@ from simgap.errors import UserError, excerpt
 if TYPE_CHECKING:
     from simgap.stages.check import Checked
 
+Seconds = Annotated[
+    float, typer.Option(min=1.0, help="CPU time in all, of which the search for tau, X, U and cells has what is left.")
+]
 TUTORIAL = ("rod.yaml", "rod.urdf", "machine.urdf", "swings.csv")
 
 
@@ -58,7 +62,7 @@ def new(
         str, typer.Option(help="Posture around which to work, such as pole=3.1416; 0 for other joints.")
     ] = "",
     out: Annotated[Path, typer.Option(help="Folder for the case.", callback=new_folder)] = Path(),
-    seconds: Annotated[float, typer.Option(min=1.0, help="CPU time for finding tau, X, U and cells.")] = 120.0,
+    seconds: Seconds = 120.0,
 ) -> None:
     """Write a commented case for your robot, NAME.yaml, which runs as it stands."""
     from simgap.extras.wizard import new_case as stage
@@ -77,8 +81,9 @@ def new(
         raise UserError(f"'{excerpt(base, 40)}' is not a base", key="--base", remedy=f"Known: {', '.join(BASES)}.")
     named, kept = ([n.strip() for n in said.split(",") if n.strip()] or None for said in (inputs, joints))
     notes, posture = list[str](), values_of(at, "--at")
+    left = seconds - time.process_time()  # what Python and imports took counts
     with progress("reading the model") as tell:
-        path = stage.run(name, urdf, out, named, posture, tell, notes.append, seconds, mjcf, kept, base or None)
+        path = stage.run(name, urdf, out, named, posture, tell, notes.append, left, mjcf, kept, base or None)
     for line in [*notes, f"Wrote {path}. Next: simgap check {path}, then simgap run {path}"]:
         say(line)
 
@@ -133,13 +138,13 @@ def _show_checked(checked: Checked, case: Path) -> None:
 def propose(
     case: CasePath,
     at: Annotated[str, typer.Option(help="Posture around which to work, such as q2=3.1416; 0 for other states.")] = "",
-    seconds: Annotated[float, typer.Option(min=1.0, help="CPU time for the search.")] = 120.0,
+    seconds: Seconds = 120.0,
 ) -> None:
     """Find tau, X, U and cells for which the nominal model has a controller, and print the sections for the case."""
     from simgap.extras.wizard import propose as stage
 
     with progress("building the nominal model") as tell:
-        found = stage.run(case, values_of(at, "--at"), tell, seconds)
+        found = stage.run(case, values_of(at, "--at"), tell, seconds - time.process_time())
     say(found.block())
     for doubt in filter(None, (found.small, found.doubtful)):
         say(doubt, err=True)

@@ -15,7 +15,7 @@ from simgap.errors import Finding
 from simgap.gap.sampling.points import covering_grid, own_point
 from simgap.io.documents import write_json
 from simgap.lint.controller import refuse_free_path, refuse_specification
-from simgap.lint.costs import StageCost, affordable, costs, duration, pair_seconds, size
+from simgap.lint.costs import StageCost, affordable, costs, duration, pair_seconds, size, slowness
 from simgap.lint.engine import BOLTED, find_bolted_base, find_other_wheel_sizes, model_file, of_engine
 from simgap.lint.equations import (
     affordable_or_degrees,
@@ -101,7 +101,9 @@ def run(
         if case.simulator is not None:
             tell_user(f"querying the engine {case.simulator.engine}")
         findings, rollout = of_engine(context, file, engine_log)
-        found = costs(context, rollout, build=build, pair=pair_seconds(context)) if case.domain is not None else []
+        found = []
+        if case.domain is not None:
+            found = costs(context, rollout, build=build, pair=pair_seconds(context), slower=slowness())
         affordable(context, found)
         of_numbers = run_checks(OF_NUMBERS, context)
     result = Checked(found, _cells(context), [*(findings or []), *of_angles, *of_numbers], findings is not None)

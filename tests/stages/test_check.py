@@ -345,6 +345,16 @@ def test_what_building_a_model_takes_counts_in_every_stage_that_builds_it(case):
     assert more["audit"] >= 1
 
 
+def test_a_machine_that_is_twice_as_slow_takes_twice_as_long_but_for_what_was_measured_on_it(tmp_path):
+    context = Context.load(written(tmp_path))
+    slow, usual = ({c.stage: c.seconds for c in costs.costs(context, 1e-3, build=3.0, slower=s)} for s in (2.0, 1.0))
+    samples = context.case.gap.fresh_samples
+    assert usual["fresh"] == pytest.approx(costs.START + samples * 1e-3)
+    assert slow["fresh"] == pytest.approx(2.0 * costs.START + samples * 1e-3)
+    assert slow["workflow"] == pytest.approx(2.0 * usual["workflow"])
+    assert 0.1 < costs.slowness() < 100.0
+
+
 @pytest.mark.parametrize(("terms", "told"), [(50, False), (400, True)])
 def test_a_step_of_very_many_operations_is_told(terms, told, monkeypatch):
     monkeypatch.setattr(equations, "HEAVY", 500)  # so many as the number says take SymPy a minute

@@ -12,10 +12,11 @@ import yaml
 
 from simgap.errors import UserError
 from simgap.extras.wizard import new_case as new
+from simgap.extras.wizard.driven_arm import Proposal
 from simgap.extras.wizard.dry_friction_guess import blocks_along
 from simgap.extras.wizard.joints import axes_of, centre_of, drives, needed_inputs
-from simgap.extras.wizard.proposal import Proposal
 from simgap.extras.wizard.propose import Numbers
+from simgap.gap.sampling.points import covering_grid, own_point
 from simgap.io.controller_file import load_controller
 from simgap.io.wheeled_urdf import wheels_of
 from simgap.lint.gap import find_stuck_joints
@@ -76,6 +77,13 @@ NUMBERS = Numbers(
 )  # fmt: skip
 
 
+def test_little_that_is_won_is_called_little():
+    assert NUMBERS.doubtful == ""
+    assert replace(NUMBERS, proposal=replace(NUMBERS.proposal, wins=0.021)).doubtful.startswith(
+        "0.021 of X is little: a run may end with an empty winning domain"
+    )
+
+
 @pytest.mark.parametrize(("friction", "told"), [(0.1, False), (700.0, True)])
 def test_friction_that_the_input_does_not_overcome_is_told(root, tmp_path, friction, told):
     case = new.run("mine", rubbing(root, tmp_path, "pendulum", [0.1]), tmp_path)
@@ -113,11 +121,17 @@ def test_an_arm_that_rubs_has_fine_cells_along_its_speeds(root, tmp_path, monkey
     assert blocks_along(["q2", "v1", "v2"], {"v2"}) == {"q2": 10, "v1": 10, "v2": 80}
 
 
+def test_a_pair_of_joints_without_a_proposal_is_sampled_as_finely_as_one_with(root, tmp_path):
+    path = new.run("arm", root / "configs/models/double_pendulum.urdf", tmp_path, ["shoulder"], {"elbow": 0.7})
+    context = Context.load(path)
+    assert covering_grid(context.case, context.box, own_point(context.case)).cells == (10,) * 4
+
+
 def test_a_case_of_four_states_has_the_numbers_that_were_found(root, tmp_path, monkeypatch):
     """The search itself is tested in tests/synthesis/test_proposal.py; here is what the case makes of it."""
     asked, notes = [], []
 
-    def numbers(case, folder, at, limits, room, tell, seconds, rubs):
+    def numbers(case, folder, at, limits, room, tell, until, rubs):
         asked.append((at, limits, room))
         return NUMBERS
 

@@ -250,7 +250,7 @@ def test_servos_are_left_out_and_told(tmp_path):
     path = mjcf(tmp_path, actuator='<position joint="rail" kp="50" forcerange="-7 7"/>')
     model = model_of_mjcf(path, asked(tmp_path), notes.append)
     assert model.mjcf == tmp_path / "mine_model.xml"
-    assert "servos, for the inputs of the case are forces on joints" in notes[0]
+    assert "servos (rail kp = 50 kv = 0), for the inputs of the case are forces on joints" in notes[0]
     assert model.file.joints["rail"].effort == 7.0
     assert model.file.driven == ("rail",)
 

@@ -15,7 +15,7 @@ import sympy as sp
 from simgap.deadline import last_within
 from simgap.errors import UserError
 from simgap.extras.wizard import driven_arm
-from simgap.extras.wizard.driven_arm import Tried, rounded
+from simgap.extras.wizard.driven_arm import Proposal, rounded
 from simgap.extras.wizard.posture import posture_of, proportions
 from simgap.extras.wizard.proposal import HELD, WINS, Search, _held, propose
 from simgap.extras.wizard.propose import Numbers
@@ -93,7 +93,7 @@ def test_what_is_proposed_is_won_within_the_limits(limit):
 
 def test_cells_that_win_alone_are_refined_until_they_win_against_a_gap_while_there_is_time():
     def tried(cells, wins):
-        return Tried(0.1, (cells,), (1.0,), (0.1,), (1.0,), wins)
+        return Proposal(0.1, {}, {}, (cells,), wins, (), 1.0)
 
     class Games(Search):
         def __init__(self):
@@ -192,6 +192,11 @@ def test_an_arm_of_two_motors_has_the_same_reasons():
         propose(model, sampled(model), {}, {"u1": 0.5, "u2": 3.0}, {"q1": (-1e-5, 1e-5)})
 
 
+def test_an_arm_that_its_motors_do_not_hold_is_told_so_and_not_that_it_lacks_room():
+    with pytest.raises(UserError, match=r"^--at: holding the posture takes 0\.\d+ of u1, its limit is 0\.01"):
+        propose(arm(), sampled(arm()), {"q2": 1.0}, {"u1": 0.01, "u2": 9.0}, {})
+
+
 def test_equations_that_are_in_other_units_are_told_from_ones_that_no_input_moves():
     v, u = symbol("v"), symbol("u")
     states = (Variable("q", "rad"), Variable("v", "rad/s"))
@@ -247,10 +252,10 @@ def test_an_arm_with_two_motors_gets_a_box_to_reach_within_its_limits():
 
 
 def test_a_stop_nearby_asks_for_weaker_torques(monkeypatch):
-    def play(model, own, flow, posture, half, inputs, tau, cells):
+    def play(self, half, inputs, cells):
         return (0.5, "") if (half > 0).all() else (None, "no room")
 
-    monkeypatch.setattr(driven_arm, "_play", play)
+    monkeypatch.setattr(driven_arm.Arm, "play", play)
     model = arm()
     found = propose(model, sampled(model), {}, {"u1": 0.5, "u2": 3.0}, {"q1": (-0.02, 0.5)})
     (_, place), (_, speed) = found.X["q1"], found.X["v1"]
@@ -273,7 +278,7 @@ def test_a_search_is_ended_when_its_time_is_up_and_the_last_that_it_found_is_tak
     assert 0.2 < after.children_user + after.children_system - before.children_user - before.children_system < 0.6
     assert last_within(0.0, lambda tell: iter(int, 1), heard.append) in (None, 0)
     for model in (pendulum(), arm()):
-        with pytest.raises(UserError, match=r"not found in the time: 0\.01 s do not suffice"):
+        with pytest.raises(UserError, match="not found in the time, which does not suffice"):
             propose(model, sampled(model), {}, {}, {}, seconds=0.01)
 
 

@@ -15,7 +15,8 @@ def _search(cells: tuple[float, ...]) -> SimpleNamespace:
 def test_cells_that_are_too_many_are_not_tried():
     search = _search((9000.0, 300.0, 2000.0, 17.0))  # an acrobot that stands up, by one motor
     assert list(Search.rounds(search)) == []
-    error = _too_few(search, [], "they are beyond a quick search")
+    error = _too_few(search, [], "they are beyond a quick search", begin="Give")
+    assert error.remedy == "Give it another input or stronger ones, or begin with fewer states."
     assert str(error).startswith("synthesis.cells: by its linear model it takes about")
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from simgap.errors import UserError
-from simgap.extras.wizard.proposal import Proposal
+from simgap.extras.wizard.driven_arm import Proposal
 from simgap.extras.wizard.propose import TIMES, quickened
 
 SLOW = Proposal(

@@ -12,15 +12,16 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 
 from simgap.arrays import Floats
 from simgap.errors import BrokenPromise, UserError
-from simgap.extras.wizard.posture import NOTHING, Posture, check_room, check_strength
+from simgap.extras.wizard.posture import NOTHING, REACH, Posture, beyond_rest, check_room, check_strength
 from simgap.geometry import Box
 from simgap.model.kernel_cache import cached_kernel
 from simgap.model.sampled import NominalModel
@@ -54,21 +55,49 @@ TARGET, SLOW = 0.3, 0.4
 
 
 @dataclass(frozen=True)
-class Tried:
-    """One game: its step, s, and cells, largest inputs beyond those at rest, how far apart, half of X, what it won."""
+class Proposal:
+    """Numbers for a case.
+
+    Attributes:
+        tau: s. X: for each state its ends. U: for each input its least and largest value and their distance.
+        cells: along each axis. wins: share of them that the nominal model alone wins.
+        free: states on which the motion does not depend.
+        part: of the X that is sought (`REACH`), the share along each axis that stops and the largest inputs leave.
+        target: the box to reach, by state, where each joint has a motor. None for an X to stay in.
+        against: the gap that was played against, as a share of what the largest inputs do in a step; 0 for none.
+        rubs: whether what the joints' dry friction leaves as a gap was played against as well.
+        narrowed: what left X narrower than sought, each as a noun phrase.
+    """
 
     tau: float
+    X: Mapping[str, tuple[float, float]]
+    U: Mapping[str, tuple[float, float, float]]
     cells: tuple[int, ...]
-    inputs: tuple[float, ...]
-    steps: tuple[float, ...]
-    box: tuple[float, ...]
     wins: float
-    against: float = 0.0
-    """What share of what the inputs do in a step was played against, as a gap."""
+    free: tuple[str, ...]
+    part: float
     target: Mapping[str, tuple[float, float]] | None = None
-    """What is to be reached, by state, if anything is."""
+    against: float = 0.0
+    rubs: bool = False
     narrowed: tuple[str, ...] = ()
-    """What left X narrower than sought, each as a noun phrase."""
+
+    @classmethod
+    def of(
+        cls, model: SymbolicModel, posture: Posture, tau: float, cells: tuple[int, ...], inputs: Sequence[float],
+        steps: Sequence[float], half: Sequence[float], wins: float, part: float, **more: Any,
+    ) -> Proposal:  # fmt: skip
+        """The case in which a game is played, by the largest inputs beyond those at rest and half of X."""
+        U = {}
+        for n, rest, most, step in zip(model.input_names, posture.u, inputs, steps, strict=True):
+            at = beside(rest, step)
+            U[n] = (round(at - most, 12), round(at + most, 12), round(step, 12))
+        X = {n: (float(x) - own, float(x) + own) for n, x, own in zip(model.state_names, posture.x, half, strict=True)}
+        return cls(tau, X, U, cells, wins, posture.free, part, **more)
+
+
+def beside(rest: float, step: float) -> float:
+    """An input at rest, with two digits more than the distance of its neighbours."""
+    return 0.0 if rest == 0.0 else round(float(rest), max(0, 3 - math.floor(math.log10(step))))
 
 
 def is_driven(model: SymbolicModel) -> bool:
@@ -83,7 +112,7 @@ def driven(
     limits: Mapping[str, float],
     room: Mapping[str, tuple[float, float]],
     tell: Callable[[str], None],
-) -> Iterator[Tried | UserError]:
+) -> Iterator[Proposal | UserError]:
     """Numbers for the plant, better and better ones, or why there are none yet; the arguments are those of `propose`.
 
     Raises:
@@ -96,43 +125,21 @@ def driven(
         "the pull of gravity or springs at its edge": _longest_against_pull(model, posture),
     }
     shortest = min(taus, key=taus.__getitem__)
-    tau = rounded(taus[shortest])
+    tau, best = rounded(taus[shortest]), 0.0
     check_room([c.position for c in model.coordinates], np.full(2, FARTHEST), room)
-    own, flow = sampled(tau), flow_of(model)
-    names, axes = model.state_names, [(c.position, c.velocity) for c in model.coordinates]
-    gains = np.abs(posture.b[[names.index(v) for _, v in axes]]).max(axis=0)
-    if (gains <= 0.0).any():
-        raise UserError(
-            "an input does not move the plant at this posture", key="--at",
-            remedy="Name another one, or choose tau, X and U by hand.",
-        )  # fmt: skip
-    most = np.array([limits.get(n, math.inf) - abs(u) for n, u in zip(model.input_names, posture.u, strict=True)])
-    best = 0.0
+    most = beyond_rest(model, posture, limits)
+    slow = f"{shortest}, which asks for a tau of {tau:g} s" if shortest else ""
+    arm = Arm(model, sampled(tau), flow_of(model), posture, most, room, tau, slow)
+
+    def with_the_best(words: str) -> None:
+        tell(words + (f"; best so far {best:.2g}" if best else ""))
+
     for cells in TRIED:
-        size, last = _size(own, posture, gains, axes, names, tau, cells), -1.0
-        _check_strength(model, posture, tau, most, size / np.sqrt(gains))
-        scale = min(size, float((most * np.sqrt(gains)).min()))
-        for k in range(TIMES):
-            steps = np.array([rounded(scale / WEAKER**k / math.sqrt(g) / (VALUES // 2), down=True) for g in gains])
-            inputs = VALUES // 2 * steps
-            half, stopped = _half(own, posture, inputs, axes, names, room, tau, cells)
-            half = np.array([rounded(v, down=True) for v in half])
-            told = ", ".join(f"{n} +-{v:g}" for n, v in zip(names, half, strict=True))
-            tell(f"trying {cells} cells along each axis: {told}" + (f"; best so far {best:.2g}" if best else ""))
-            wins, why = _play(model, own, flow, posture, half, inputs, tau, cells)
-            if wins is not None and wins > best:
-                best, fine = wins, (math.ceil(MORE * cells),) * len(names)
-                target = _target(model, posture, half)
-                causes = {
-                    f"{shortest}, which asks for a tau of {tau:g} s": bool(shortest),
-                    "the inputs' limits": scale < size,
-                    "the joints' limits": stopped,
-                    "one joint's pull on the other": k > 0,
-                }
-                narrowed = tuple(words for words, holds in causes.items() if holds)
-                narrowed = narrowed or ("how differently the inputs move the joints",)
-                yield Tried(tau, fine, tuple(inputs), tuple(steps), tuple(half), wins, GUESS, target, narrowed)
-                if wins >= ENOUGH:
+        for found, why in arm.tries(cells, with_the_best):
+            if found is not None and found.wins > best:
+                best = found.wins
+                yield found
+                if best >= ENOUGH:
                     return
             elif not best:
                 yield UserError(
@@ -140,25 +147,6 @@ def driven(
                     remedy="A longer search (--seconds), another posture (--at), or a shorter tau, a smaller X or "
                     "stronger drives by hand (docs/evidence/two_link.md).",
                 )  # fmt: skip
-            if wins is not None:
-                if wins <= last:  # weaker ones do not help any more: what is left of the plant is linear
-                    break
-                last = wins
-
-
-def _check_strength(model: SymbolicModel, posture: Posture, tau: float, most: Floats, wanted: Floats) -> None:
-    """Refuse inputs, (m,), that are next to nothing of what X would take, or a step in which they do next to nothing.
-
-    Raises:
-        UserError: with the inputs or, where they would be enough for the longest step, the plant's rate.
-    """
-    check_strength(model.input_names, most, wanted * (tau / LONGEST) ** 2)
-    if (most < NOTHING * wanted).all():
-        raise UserError(
-            f"its fastest motion has a rate of {posture.rate:.3g} 1/s, and in the tau of {tau:g} s that this asks for "
-            "the inputs hardly move anything", key="domain.tau",
-            remedy="Look at the joints' damping and the links' inertias, or take other joints (--joints).",
-        )  # fmt: skip
 
 
 def _longest_against_pull(model: SymbolicModel, posture: Posture) -> float:
@@ -179,69 +167,136 @@ def changed(own: NominalModel, posture: Posture, inputs: Floats) -> Floats:
     return np.asarray(np.abs(there - posture.x).max(axis=0))
 
 
-def _half(
-    own: NominalModel, posture: Posture, inputs: Floats, axes: list[tuple[str, str]], names: tuple[str, ...],
-    room: Mapping[str, tuple[float, float]], tau: float, cells: int,
-) -> tuple[Floats, bool]:  # fmt: skip
-    """Half-widths of X for these inputs, (nx,), and whether the room of a state makes them less."""
-    moved, half, stopped = changed(own, posture, inputs), np.zeros(len(names)), False
-    for q, v in axes:
-        j, k = names.index(q), names.index(v)
-        speed = moved[k] / GAIN
-        lo, hi = room.get(v, (-math.inf, math.inf))
-        half[k] = min(speed, 0.9 * hi, -0.9 * lo)
-        stops = room.get(q, (-math.inf, math.inf))
-        free = min(stops[1] - posture.x[j], posture.x[j] - stops[0]) - 1.5 * tau * half[k]
-        wide = min(half[k] * tau * cells / (2 * CELLS_A_STEP), FARTHEST)
-        half[j] = min(wide, free)
-        stopped |= bool(half[k] < speed or half[j] < wide)
-    return half, stopped
+@dataclass(frozen=True, eq=False)
+class Arm:
+    """The games of a plant at one posture and sampling time.
 
+    Attributes:
+        own, flow: the model over `tau`, s, and along it. most: inputs beyond those at rest, (m,).
+        room: for states that have one the interval to stay within. slow: why tau is short, if it is.
+    """
 
-def _size(
-    own: NominalModel, posture: Posture, gains: Floats, axes: list[tuple[str, str]], names: tuple[str, ...], tau: float,
-    cells: int,
-) -> float:  # fmt: skip
-    """Of the inputs, times the root of their gain, with which X is as wide as it may be."""
-    one, _ = _half(own, posture, 1e-3 / np.sqrt(gains), axes, names, {}, tau, cells)
-    widest = max(one[names.index(q)] for q, _ in axes)
-    return 1e-3 * FARTHEST / widest
+    model: SymbolicModel
+    own: NominalModel
+    flow: Flow
+    posture: Posture
+    most: Floats
+    room: Mapping[str, tuple[float, float]]
+    tau: float
+    slow: str
 
+    @property
+    def axes(self) -> list[tuple[int, int]]:
+        """Places of position and speed of each coordinate among the states."""
+        names = self.model.state_names
+        return [(names.index(c.position), names.index(c.velocity)) for c in self.model.coordinates]
 
-def _play(
-    model: SymbolicModel, own: NominalModel, flow: Flow, posture: Posture, half: Floats, inputs: Floats,
-    tau: float, cells: int,
-) -> tuple[float | None, str]:  # fmt: skip
-    """The share of X that wins against a small gap, None if a path leaves its room; what is in the way."""
-    names, x = model.state_names, posture.x
-    if (half <= 0).any():
-        return None, "the posture leaves the joints no room for a step before their stops"
-    space = Space(names, Box(x - half, x + half))
-    every = posture.u + np.array(list(itertools.product(*(np.linspace(-v, v, VALUES) for v in inputs))))
-    spread = GUESS * changed(own, posture, inputs)
-    try:
-        stray, _ = excursion(flow, space.box, every, tau, spread / tau, names)
-    except BrokenPromise:
-        return None, "at speeds that give the cells a chance one joint throws the other out of X between two samples"
-    if (stray[1] > STRAYS * half).any():
-        worst = names[int((stray[1] / half).argmax())]
-        return None, f"between samples {worst} strays by more than {STRAYS:g} of X"
-    specification = ReachAvoid(kind="reach_avoid", target=_target(model, posture, half))
-    problem = SynthesisProblem(
-        own, specification, space, (cells,) * len(names), beside_inputs(every, spread), gap_beside_inputs(), [],
-        stray=stray,
-    )  # fmt: skip
-    solution = specification.solve(problem.game())
-    wins = float(solution.winning.mean()) if solution.useful else 0.0
-    return wins, "" if wins else "the inputs do not bring the plant to the target on these cells"
+    def tries(self, cells: int, tell: Callable[[str], None]) -> Iterator[tuple[Proposal | None, str]]:
+        """A game after the other, with weaker torques while these win more; and what is in the way of one.
 
+        Raises:
+            UserError: inputs that move too little.
+        """
+        gains = np.abs(self.posture.b[[v for _, v in self.axes]]).max(axis=0)
+        size, last, names = self._size(gains, cells), -1.0, self.model.state_names
+        self._check_strength(size / np.sqrt(gains))
+        scale = min(size, float((self.most * np.sqrt(gains)).min()))
+        for k in range(TIMES):
+            steps = np.array([rounded(scale / WEAKER**k / math.sqrt(g) / (VALUES // 2), down=True) for g in gains])
+            inputs = VALUES // 2 * steps
+            half, stopped = self._half(inputs, cells, self.room)
+            half = np.array([rounded(v, down=True) for v in half])
+            told = ", ".join(f"{n} +-{v:g}" for n, v in zip(names, half, strict=True))
+            tell(f"trying {cells} cells along each axis: {told}")
+            wins, why = self.play(half, inputs, cells)
+            causes = {
+                self.slow: bool(self.slow),
+                "the inputs' limits": scale < size,
+                "the joints' limits": stopped,
+                "one joint's pull on the other": k > 0,
+            }
+            narrowed = tuple(words for words, holds in causes.items() if holds)
+            narrowed = narrowed or ("how differently the inputs move the joints",)
+            found = None
+            if wins:
+                part = min(1.0, *(half[q] / REACH for q, _ in self.axes))
+                found = Proposal.of(
+                    self.model, self.posture, self.tau, (math.ceil(MORE * cells),) * len(names), tuple(inputs),
+                    tuple(steps), tuple(half), wins, part, target=self._target(half), against=GUESS, narrowed=narrowed,
+                )  # fmt: skip
+            yield found, why
+            if wins is not None:
+                if wins <= last:  # weaker ones do not help any more: what is left of the plant is linear
+                    return
+                last = wins
 
-def _target(model: SymbolicModel, posture: Posture, half: Floats) -> dict[str, tuple[float, float]]:
-    """The box to reach, around the posture."""
-    speeds = {c.velocity for c in model.coordinates}
-    shares = [SLOW if n in speeds else TARGET for n in model.state_names]
-    ends = zip(model.state_names, posture.x, shares * half, strict=True)
-    return {n: (float(at - own), float(at + own)) for n, at, own in ends}
+    def _check_strength(self, wanted: Floats) -> None:
+        """Refuse inputs that are next to nothing of what X would take, (m,), or that do next to nothing in a step.
+
+        Raises:
+            UserError: with the inputs or, where they would be enough for the longest step, the plant's rate.
+        """
+        check_strength(self.model.input_names, self.most, wanted * (self.tau / LONGEST) ** 2)
+        if (self.most < NOTHING * wanted).all():
+            raise UserError(
+                f"its fastest motion has a rate of {self.posture.rate:.3g} 1/s, and in the tau of {self.tau:g} s that "
+                "this asks for the inputs hardly move anything", key="domain.tau",
+                remedy="Look at the joints' damping and the links' inertias, or take other joints (--joints).",
+            )  # fmt: skip
+
+    def _size(self, gains: Floats, cells: int) -> float:
+        """Of the inputs, times the root of their gain, with which X is as wide as it may be."""
+        one, _ = self._half(1e-3 / np.sqrt(gains), cells, {})
+        return 1e-3 * FARTHEST / max(one[q] for q, _ in self.axes)
+
+    def _half(self, inputs: Floats, cells: int, room: Mapping[str, tuple[float, float]]) -> tuple[Floats, bool]:
+        """Half-widths of X for these inputs, (nx,), and whether the room of a state makes them less."""
+        names, x, free_ends = self.model.state_names, self.posture.x, (-math.inf, math.inf)
+        moved, half, stopped = changed(self.own, self.posture, inputs), np.zeros(len(names)), False
+        for q, v in self.axes:
+            speed = moved[v] / GAIN
+            lo, hi = room.get(names[v], free_ends)
+            half[v] = min(speed, 0.9 * hi, -0.9 * lo)
+            lo, hi = room.get(names[q], free_ends)
+            free = min(hi - x[q], x[q] - lo) - 1.5 * self.tau * half[v]
+            wide = min(half[v] * self.tau * cells / (2 * CELLS_A_STEP), FARTHEST)
+            half[q] = min(wide, free)
+            stopped |= bool(half[v] < speed or half[q] < wide)
+        return half, stopped
+
+    def play(self, half: Floats, inputs: Floats, cells: int) -> tuple[float | None, str]:
+        """The share of X that wins against a small gap, None if a path leaves its room; what is in the way."""
+        names, x = self.model.state_names, self.posture.x
+        if (half <= 0).any():
+            return None, "the posture leaves the joints no room for a step before their stops"
+        space = Space(names, Box(x - half, x + half))
+        every = self.posture.u + np.array(list(itertools.product(*(np.linspace(-v, v, VALUES) for v in inputs))))
+        spread = GUESS * changed(self.own, self.posture, inputs)
+        try:
+            stray, _ = excursion(self.flow, space.box, every, self.tau, spread / self.tau, names)
+        except BrokenPromise:
+            return (
+                None,
+                "at speeds that give the cells a chance one joint throws the other out of X between two samples",
+            )
+        if (stray[1] > STRAYS * half).any():
+            worst = names[int((stray[1] / half).argmax())]
+            return None, f"between samples {worst} strays by more than {STRAYS:g} of X"
+        specification = ReachAvoid(kind="reach_avoid", target=self._target(half))
+        problem = SynthesisProblem(
+            self.own, specification, space, (cells,) * len(names), beside_inputs(every, spread), gap_beside_inputs(),
+            [], stray=stray,
+        )  # fmt: skip
+        solution = specification.solve(problem.game())
+        wins = float(solution.winning.mean()) if solution.useful else 0.0
+        return wins, "" if wins else "the inputs do not bring the plant to the target on these cells"
+
+    def _target(self, half: Floats) -> dict[str, tuple[float, float]]:
+        """The box to reach, around the posture."""
+        speeds = {v for _, v in self.axes}
+        shares = [SLOW if j in speeds else TARGET for j in range(len(half))]
+        ends = zip(self.model.state_names, self.posture.x, shares * half, strict=True)
+        return {n: (float(at - own), float(at + own)) for n, at, own in ends}
 
 
 def beside_inputs(inputs: Floats, spread: Floats) -> Floats:

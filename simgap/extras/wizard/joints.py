@@ -103,17 +103,9 @@ def axes_of(urdf: Path, joints: Mapping[str, FileJoint], at: Mapping[str, float]
         slides = joint.kind == "prismatic"
         end = "" if len(joints) == 1 else str(k + 1)
         units = ("m", "N") if slides else ("rad", "N*m")
-        axes.append(
-            Axis(
-                name,
-                f"q{end}",
-                f"v{end}",
-                f"u{end}",
-                *units,
-                _interval(urdf, name, joint, at.get(name, centre_of(joint))),
-                at.get(name, centre_of(joint)),
-            )
-        )
+        centre = at.get(name, centre_of(joint))
+        interval = _interval(urdf, name, joint, centre)
+        axes.append(Axis(name, f"q{end}", f"v{end}", f"u{end}", *units, interval, centre))
     return axes
 
 

@@ -88,7 +88,7 @@ def compiled(path: Path, keep: Collection[str] | None, bolted: bool, at: Mapping
     whole = len(left) == len(names)
     _check_loops(path, model, left, whole)
     efforts = {n: most_force(model, names.index(n)) for n in left}
-    left_out = tuple(_left_out(model, len(names) - len(left)))
+    left_out = tuple(_left_out(model, left))
     alone = None
     if not whole or _acting(model):
         model, alone = _alone(path, left, at)
@@ -147,11 +147,15 @@ def _acting(model: Any) -> bool:
     return bool(model.na) or any(np.any(values) for values in own)
 
 
-def _left_out(model: Any, locked: int) -> Iterator[str]:
-    if locked:
+def _left_out(model: Any, left: Sequence[str]) -> Iterator[str]:
+    if locked := model.njnt - len(left):
         yield f"{locked} joint{'s' * (locked > 1)}, which stand still"
     if _acting(model):
-        yield "servos, for the inputs of the case are forces on joints"
+        gains = [
+            f"{name} kp = {0.0 - model.actuator_biasprm[k, 1]:g} kv = {0.0 - model.actuator_biasprm[k, 2]:g}"
+            for name in left for k in motors_of(model, model.joint(name).id) if np.any(model.actuator_biasprm[k])
+        ]  # fmt: skip
+        yield f"servos ({', '.join(gains) or 'no gains'}), for the inputs of the case are forces on joints"
     if model.ntendon:
         yield "tendons"
     if model.ngeom:
@@ -215,10 +219,14 @@ def _turns_or_slides(model: Any, joint: int) -> bool:
 
 def _turn(body: Any, model: Any, joint: int, by: float) -> None:
     """A body's pose after its joint has moved."""
-    old = scipy.spatial.transform.Rotation.from_quat(body.quat, scalar_first=True)
+    old = _rotation(body.quat)
     new, shift = _motion(model, joint, by)
     body.pos = np.asarray(body.pos) + old.apply(shift)
     body.quat = (old * new).as_quat(scalar_first=True)
+
+
+def _rotation(quaternion: Floats) -> scipy.spatial.transform.Rotation:
+    return scipy.spatial.transform.Rotation.from_quat(quaternion, scalar_first=True)
 
 
 def _motion(model: Any, joint: int, by: float) -> tuple[scipy.spatial.transform.Rotation, Floats]:
@@ -238,10 +246,7 @@ def _robot(path: Path, model: Any, efforts: Mapping[str, float | None]) -> Eleme
     ElementTree.SubElement(robot, "link", {"name": "world"})
     for b in range(1, model.nbody):
         moving = int(model.body_jntadr[b]) if model.body_jntnum[b] else None
-        turned, place = (
-            scipy.spatial.transform.Rotation.from_quat(model.body_quat[b], scalar_first=True),
-            np.array(model.body_pos[b]),
-        )
+        turned, place = _rotation(model.body_quat[b]), np.array(model.body_pos[b])
         if moving is not None:
             anchors[b] = model.jnt_pos[moving]
             back, shift = _motion(model, moving, -float(model.qpos0[model.jnt_qposadr[moving]]))
@@ -262,16 +267,10 @@ def _link(robot: ElementTree.Element, name: str, model: Any, b: int, anchor: Flo
     link = ElementTree.SubElement(robot, "link", {"name": name})
     if model.body_mass[b] > 0.0:
         own = ElementTree.SubElement(link, "inertial")
-        own.append(
-            origin_of(
-                model.body_ipos[b] - anchor,
-                scipy.spatial.transform.Rotation.from_quat(model.body_iquat[b], scalar_first=True),
-            )
-        )
+        own.append(origin_of(model.body_ipos[b] - anchor, _rotation(model.body_iquat[b])))
         ElementTree.SubElement(own, "mass", {"value": f"{model.body_mass[b]:.12g}"})
-        moments = dict(zip(("ixx", "iyy", "izz"), model.body_inertia[b], strict=True)) | dict.fromkeys(
-            ("ixy", "ixz", "iyz"), 0.0
-        )
+        moments = dict.fromkeys(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), 0.0)
+        moments |= zip(("ixx", "iyy", "izz"), model.body_inertia[b], strict=True)
         ElementTree.SubElement(own, "inertia", {key: repr(float(value)) for key, value in moments.items()})
 
 

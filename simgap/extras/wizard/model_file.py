@@ -6,6 +6,7 @@ of an arm hold the parameters of every link that has any.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -121,6 +122,12 @@ class Asked:
     base: str | None
     place: Path
     """NAME of the case, in its folder."""
+    inputs: Sequence[str] | None = None
+    """Joints that have a drive; those that the file says if None."""
+    until: float = math.inf
+    """CPU time of this process, s, at which a search ends."""
+    tell: Callable[[str], None] = lambda words: None
+    note: Callable[[str], None] = lambda words: None
 
     def beside(self, ending: str) -> Path:
         """A file of the case's own.

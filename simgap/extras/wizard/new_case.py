@@ -6,6 +6,7 @@ Ranges, inputs and grids are round numbers near the model's equilibrium: a begin
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,12 +16,11 @@ import numpy as np
 
 from simgap.config.load import load_case, parse_case, plain_content
 from simgap.errors import UserError, excerpt
-from simgap.extras.wizard.driven_arm import rounded
-from simgap.extras.wizard.dry_friction_guess import blocks_along
+from simgap.extras.wizard.driven_arm import Proposal, rounded
 from simgap.extras.wizard.joints import SPEED, TAU, Axis, axes_of, drives, needed_inputs
 from simgap.extras.wizard.model_file import Asked, NewModel, model_of_mjcf, model_of_urdf
-from simgap.extras.wizard.proposal import SECONDS, Proposal
-from simgap.extras.wizard.propose import TIMES, numbers, shown
+from simgap.extras.wizard.proposal import SECONDS
+from simgap.extras.wizard.propose import TIMES, cells_along, numbers, shown
 from simgap.io.atomic import write_text
 from simgap.io.pages import text
 from simgap.io.wheeled_urdf import WheelPair, case_of_wheels, wheels_of
@@ -61,34 +61,20 @@ def run(
         at: positions of joints around which to work, 0 where none is given.
         joints: those that the case has, the others locked; all if not given. base: one of `new_model.BASES`.
         tell: hears what is being done. note: hears what a person should know of what was written.
-        seconds: of CPU time for the search of a plant of several joints.
+        seconds: of CPU time for all of this; the search of a plant of several joints has what is left of it.
 
     Raises:
         UserError: a name that is none, a file that is there already, or a model file that simgap cannot take.
     """
-    path = out / f"{name}.yaml"
+    path, until = out / f"{name}.yaml", time.process_time() + seconds
     if path.exists():
         raise UserError("already exists and is left unchanged", file=path, remedy="Give another name, or move it.")
     content = text("new_equations.yaml.j2", name=name)
     parse_case(plain_content(content), path)  # refuses the name before anything is written
-    made: tuple[Path, ...] = ()
+    asked, made = Asked(joints, at or {}, base, out / name, inputs, until, tell, note), list[Path]()
     try:
         if mjcf is not None or urdf is not None:
-            asked = Asked(joints, at or {}, base, out / name)
-            if urdf is not None:
-                check_structure(urdf)
-            if urdf is not None and base != "fixed" and (wheels := wheels_of(urdf)) is not None:
-                content = _of_wheels(name, urdf, out, wheels, asked, inputs, note)
-            else:
-                model = (
-                    model_of_mjcf(mjcf, asked, note)
-                    if mjcf is not None
-                    else model_of_urdf(Path(urdf or ""), asked, note)
-                )
-                made = model.made
-                content = _of_joints(name, model, out, inputs, asked.at, tell, note, seconds)
-                if (root := root_link(model.file.path)) != "world":
-                    note(f"Its base, link '{excerpt(root, 40)}', is assumed to be bolted to the world.")
+            content = _of_file(urdf, mjcf, asked, made)
         parse_case(plain_content(content), path)
         write_text(path, content)
         load_case(path)
@@ -99,36 +85,47 @@ def run(
     return path
 
 
-def _of_wheels(
-    name: str, urdf: Path, out: Path, wheels: WheelPair, asked: Asked, inputs: Sequence[str] | None,
-    note: Callable[[str], None],
-) -> str:  # fmt: skip
-    for key, given in (("--inputs", inputs), ("--joints", asked.joints), ("--at", asked.at)):
+def _of_file(urdf: Path | None, mjcf: Path | None, asked: Asked, made: list[Path]) -> str:
+    """The case of a model file; `made` hears of files beside it."""
+    if urdf is not None:
+        check_structure(urdf)
+        if asked.base != "fixed" and (wheels := wheels_of(urdf)) is not None:
+            return _of_wheels(urdf, wheels, asked)
+        model = model_of_urdf(urdf, asked, asked.note)
+    else:
+        assert mjcf is not None
+        model = model_of_mjcf(mjcf, asked, asked.note)
+    made += model.made
+    content = _of_joints(model, asked)
+    if (root := root_link(model.file.path)) != "world":
+        asked.note(f"Its base, link '{excerpt(root, 40)}', is assumed to be bolted to the world.")
+    return content
+
+
+def _of_wheels(urdf: Path, wheels: WheelPair, asked: Asked) -> str:
+    for key, given in (("--inputs", asked.inputs), ("--joints", asked.joints), ("--at", asked.at)):
         if given:
             raise UserError(
                 f"belongs to joints, and this robot stands on two wheels, '{wheels.left}' and '{wheels.right}'",
                 key=key, remedy="With --base fixed its wheels are joints like others.",
             )  # fmt: skip
     check_urdf(urdf)
-    note(
+    asked.note(
         f"A robot on two driven wheels, '{wheels.left}' and '{wheels.right}': edit floor, obstacle, speeds and "
         "clearance. With --base fixed the wheels are taken as joints."
     )
-    return case_of_wheels(name, urdf, relative(urdf, out), wheels)
+    return case_of_wheels(asked.place.name, urdf, relative(urdf, asked.place.parent), wheels)
 
 
-def _of_joints(
-    name: str, model: NewModel, out: Path, inputs: Sequence[str] | None, at: Mapping[str, float],
-    tell: Callable[[str], None], note: Callable[[str], None], seconds: float,
-) -> str:  # fmt: skip
-    file, urdf = model.file, model.file.path
-    axes = axes_of(urdf, file.joints, {n: q for n, q in at.items() if n in file.joints})
-    driven, why = drives(file, inputs)
+def _of_joints(model: NewModel, asked: Asked) -> str:
+    file, urdf, out = model.file, model.file.path, asked.place.parent
+    axes = axes_of(urdf, file.joints, {n: q for n, q in asked.at.items() if n in file.joints})
+    driven, why = drives(file, asked.inputs)
     axes = [replace(a, driven=a.joint in driven) for a in axes]
     if len(axes) > 1:
-        note(f"Inputs on {', '.join(driven)}: {why}. --inputs JOINT,JOINT names others.")
+        asked.note(f"Inputs on {', '.join(driven)}: {why}. --inputs JOINT,JOINT names others.")
     about: dict[str, Any] = {
-        "name": name,
+        "name": asked.place.name,
         "urdf": relative(urdf, out),
         "mjcf": relative(model.mjcf, out) if model.mjcf is not None else None,
         "added": model.effects,
@@ -143,14 +140,14 @@ def _of_joints(
         "rubs": {a.joint: file.joints[a.joint].friction for a in axes if file.joints[a.joint].friction > 0.0},
     }
     if about["rubs"]:
-        note(
+        asked.note(
             f"The file states dry friction for {', '.join(about['rubs'])}: the simulator has it and the model does "
             "not. The bound is a table of blocks, wide only where the friction reverses."
         )
     content = about | _plain(urdf, file, axes, about) | {"proposal": None, "refused": None}
     content["substeps"] = RUBBING_STEPS if about["rubs"] else _usual_steps(TAU)
     if 1 < len(axes) <= MOST_DERIVED:
-        content |= _proposed(about, urdf, file, out, tell, note, seconds)
+        content |= _proposed(about, file, asked)
     if model.step is not None:
         content["substeps"] = max(1, round(content["tau"] / model.step))
     return text("new_urdf.yaml.j2", **content)
@@ -190,50 +187,41 @@ def _plain(urdf: Path, file: ModelFile, axes: list[Axis], about: Mapping[str, An
         "tau": TAU,
         "eps": rounded(0.5 * math.sqrt(nx) * (volume / STATES) ** (1.0 / nx)),
         "cells": [max(2, round(CELLS ** (1.0 / nx)))] * nx,
-        "blocks": _blocks(axes, about["rubs"]),
+        "along": _along(axes, about["rubs"]),
     }
 
 
-def _blocks(axes: Sequence[Axis], rubs: Mapping[str, float]) -> dict[str, Any] | None:
-    """Grid of samples and blocks of the bound where joints rub and no numbers were proposed; None where none does."""
-    if not rubs:
-        return None
+def _along(axes: Sequence[Axis], rubs: Mapping[str, float]) -> dict[str, tuple[float, int]]:
+    """Half-widths and number of the cells of samples by state, where no numbers were proposed; none of them for one
+    joint that does not rub, whose balls cover X."""
+    if len(axes) == 1 and not rubs:
+        return {}
     reach = {a.position: a.reach for a in axes} | {a.velocity: SPEED for a in axes}
-    along = blocks_along(list(reach), {a.velocity for a in axes if a.joint in rubs})
-    return {
-        "half_widths": {n: rounded(reach[n] / count) for n, count in along.items()},
-        "along": list(along.values()),
-    }
+    along = cells_along(list(reach), {a.velocity for a in axes if a.joint in rubs})
+    return {n: (rounded(reach[n] / count), count) for n, count in along.items()}
 
 
-def _proposed(
-    about: Mapping[str, Any], urdf: Path, file: ModelFile, out: Path, tell: Callable[[str], None],
-    note: Callable[[str], None], seconds: float,
-) -> dict[str, Any]:  # fmt: skip
+def _proposed(about: Mapping[str, Any], file: ModelFile, asked: Asked) -> dict[str, Any]:
     """Sections with which the nominal model wins something, or why there are none."""
     axes: list[Axis] = about["axes"]
     plant = text("new_plant.yaml.j2", **about)
-    case = parse_case(plain_content(plant), out / f"{about['name']}.yaml")
-    limits, room = {}, {}
-    for a in axes:
-        joint = file.joints[a.joint]
-        if a.driven and joint.effort:
-            limits[a.drive] = joint.effort
-        if joint.range is not None:
-            room[a.position] = joint.range
-        if joint.velocity:
-            room[a.velocity] = (-joint.velocity, joint.velocity)
+    case = parse_case(plain_content(plant), asked.place.with_name(f"{about['name']}.yaml"))
+    joints = {a: file.joints[a.joint] for a in axes}
+    limits = {a.drive: j.effort for a, j in joints.items() if a.driven and j.effort}
+    room = {a.position: j.range for a, j in joints.items() if j.range is not None}
+    room |= {a.velocity: (-j.velocity, j.velocity) for a, j in joints.items() if j.velocity}
+    at = {a.position: a.centre for a in axes}
     try:
-        found = numbers(case, out, {a.position: a.centre for a in axes}, limits, room, tell, seconds, about["rubs"])
+        found = numbers(case, asked.place.parent, at, limits, room, asked.tell, asked.until, about["rubs"])
     except UserError as error:
-        note(f"The case has no controller yet; a run ends with the bound: {error.problem}. {error.remedy}")
+        asked.note(f"The case has no controller yet; a run ends with the bound: {error.problem}. {error.remedy}")
         return {"refused": f"{error.problem}. {error.remedy}"}
     own = found.proposal
     cells = " x ".join(map(str, own.cells))
-    note(f"At tau = {own.tau} s, {found.wins}; the case uses {cells} cells.")
-    note("X is " + ", ".join(f"[{lo:g}, {hi:g}] of {n}" for n, (lo, hi) in shown(own.X).items()) + ".")
+    asked.note(f"At tau = {own.tau} s, {found.wins}; the case uses {cells} cells.")
+    asked.note("X is " + ", ".join(f"[{lo:g}, {hi:g}] of {n}" for n, (lo, hi) in shown(own.X).items()) + ".")
     for doubt in filter(None, (found.small, found.doubtful)):
-        note(doubt)
+        asked.note(doubt)
     return {"proposal": found.block(), "tau": own.tau, "substeps": _substeps(own, axes, about["rubs"])}
 
 

@@ -23,6 +23,9 @@ NEAR = 0.02
 """Of its value, and for a position of its natural size, by which a state that is named moves to where the plant rests:
 values have two or three digits, and a pole's centre of mass is not quite on its axis."""
 _NEWTON = 30
+REACH = 0.25
+"""Half-width of X for the largest position on which the motion depends: of 1 rad, of the length of a pendulum of the
+plant's rate, and of its unit at most. Judgement: the sine of .25 differs from it by a hundredth."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,6 +313,21 @@ def check_room(names: Sequence[str], sought: Floats, room: Mapping[str, tuple[fl
                 f"{n} has no room: its limits are {lo:g} and {hi:g}, where +-{aim:.2g} is sought", key=f"domain.X.{n}",
                 remedy="Look at the joint's <limit> in the URDF and its unit.",
             )  # fmt: skip
+
+
+def beyond_rest(model: SymbolicModel, posture: Posture, limits: Mapping[str, float]) -> Floats:
+    """The largest inputs beyond those that hold the posture, (m,); `limits` as `propose` has them.
+
+    Raises:
+        UserError: an input that does not hold it.
+    """
+    for n, u in zip(model.input_names, np.abs(posture.u), strict=True):
+        if u >= limits.get(n, math.inf):
+            raise UserError(
+                f"holding the posture takes {u:.3g} of {n}, its limit is {limits[n]:g}", key="--at",
+                remedy="Name a posture that takes less, or a stronger drive.",
+            )  # fmt: skip
+    return np.array([limits.get(n, math.inf) for n in model.input_names]) - np.abs(posture.u)
 
 
 def check_strength(names: Sequence[str], most: Floats, wanted: Floats) -> None:

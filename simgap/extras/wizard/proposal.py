@@ -18,7 +18,8 @@ from simgap.arrays import Floats
 from simgap.deadline import last_within
 from simgap.errors import UserError
 from simgap.extras.wizard.driven_arm import (
-    Tried,
+    Proposal,
+    beside,
     beside_inputs,
     changed,
     driven,
@@ -28,8 +29,10 @@ from simgap.extras.wizard.driven_arm import (
 )
 from simgap.extras.wizard.dry_friction_guess import Rubbing, rubbing
 from simgap.extras.wizard.posture import (
+    REACH,
     Posture,
     Proportions,
+    beyond_rest,
     check_moved,
     check_room,
     check_strength,
@@ -44,9 +47,6 @@ from simgap.specifications.invariance import Invariance
 from simgap.specifications.space import Space
 from simgap.synthesis.synthesise import SynthesisProblem
 
-REACH = 0.25
-"""Half-width of X for the largest position on which the motion depends: of 1 rad, of the length of a pendulum of the
-plant's rate, and of its unit at most. Judgement: the sine of .25 differs from it by a hundredth."""
 SHARES = (0.1, 0.2, 0.4)
 """Of the input that a linear feedback takes at the worst corner of the box: what is tried, and the first that wins is
 taken. A pole on a cart wins .18 of its box with .09 of it. Stronger ones are farther apart, which costs cells."""
@@ -62,34 +62,6 @@ VALUES = {1: 15, 2: 5}
 """Values of each of one or two inputs at least, and `FEWER` of more; the posture's own is among them."""
 FEWER, MOST, FEWEST = 3, 15, 10
 """Values of an input at least, and at most where strong ones have to lie close; cells along an axis at least."""
-
-
-@dataclass(frozen=True)
-class Proposal:
-    """Numbers for a case.
-
-    Attributes:
-        tau: s. X: for each state its ends. U: for each input its least and largest value and their distance.
-        cells: along each axis. wins: share of them that the nominal model alone wins.
-        free: states on which the motion does not depend.
-        part: of the X that is sought (`REACH`), the share along each axis that stops and the largest inputs leave.
-        target: the box to reach, by state, where each joint has a motor. None for an X to stay in.
-        against: the gap that was played against, as a share of what the largest inputs do in a step; 0 for none.
-        rubs: whether what the joints' dry friction leaves as a gap was played against as well.
-        narrowed: what left X narrower than sought, each as a noun phrase.
-    """
-
-    tau: float
-    X: Mapping[str, tuple[float, float]]
-    U: Mapping[str, tuple[float, float, float]]
-    cells: tuple[int, ...]
-    wins: float
-    free: tuple[str, ...]
-    part: float
-    target: Mapping[str, tuple[float, float]] | None = None
-    against: float = 0.0
-    rubs: bool = False
-    narrowed: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,8 +84,7 @@ class Search:
         """
         sought = self.sought()
         check_room(self.model.state_names, sought, self.room)
-        rest = np.abs(self.posture.u)
-        most = np.array([self.limits.get(n, math.inf) for n in self.model.input_names]) - rest
+        most = beyond_rest(self.model, self.posture, self.limits)
         check_strength(self.model.input_names, most, SHARES[0] * np.abs(self.shape.gain) @ sought)
 
     def rounds(self) -> Iterator[tuple[int, ...]]:
@@ -171,22 +142,15 @@ class Search:
             travel[names.index(c.position)] = TRAVEL * tau * (box[v] + 0.5 * tau * gained[v])
         return travel
 
-    def play(self, cells: tuple[int, ...], share: float, against: float = 0.0) -> Tried:
+    def play(self, cells: tuple[int, ...], share: float, against: float = 0.0) -> Proposal:
         """The game on these cells with this share of the inputs of a linear feedback, X smaller where they are weak.
 
         `against` is the gap, as a share of what the largest inputs do in a step; beside it stands what friction leaves.
         """
-        box, names = self.box(share), self.model.input_names
+        box = self.box(share)
         needed = share * np.abs(self.shape.gain) @ box
-        fits = 1.0
-        for n, rest, most in zip(names, self.posture.u, needed, strict=True):
-            left = self.limits.get(n, math.inf) - abs(rest)
-            if left <= 0:
-                raise UserError(
-                    f"holding the posture takes {abs(rest):.3g} of {n}, its limit is {self.limits[n]:g}", key="--at",
-                    remedy="Name a posture that takes less, or a stronger drive.",
-                )  # fmt: skip
-            fits = min(fits, left / most if most > 0 else 1.0)
+        most = beyond_rest(self.model, self.posture, self.limits)
+        fits = min([1.0, *(most[needed > 0] / needed[needed > 0])])
         half = [rounded(v, down=True) for v in box * fits]
         counts = self.values(needed, box, cells)
         steps = [self._step(*own, fits < 1.0) for own in zip(range(len(counts)), needed * fits, counts, strict=True)]
@@ -209,37 +173,19 @@ class Search:
                 problem = replace(problem, gap=self.rubs.gap(np.array(half), spread), gap_axes=kept)
         solution = specification.solve(problem.game())
         won = solution.fraction if solution.useful else 0.0
-        shares = {"the joints' limits": float((box / self.sought()).min()), "the inputs' limits": fits}
-        narrowed = (min(shares, key=shares.__getitem__),)
-        return Tried(self.sampled.tau, cells, inputs, tuple(steps), tuple(half), won, against, narrowed=narrowed)
+        sought = self.sought()
+        shares = {"the joints' limits": float((box / sought).min()), "the inputs' limits": fits}
+        return Proposal.of(
+            self.model, self.posture, self.sampled.tau, cells, inputs, tuple(steps), tuple(half), won,
+            float((np.array(half) / sought).min()), against=against, rubs=self.rubs is not None and against > 0.0,
+            narrowed=(min(shares, key=shares.__getitem__),),
+        )  # fmt: skip
 
     def _step(self, k: int, half: float, count: int, down: bool) -> float:
         """Between values of input k that reach `half` from rest, rounded without passing what its drive gives."""
         step = rounded(2 * half / (count - 1), down=down)
-        left = self.limits.get(self.model.input_names[k], math.inf) - abs(self.posture.u[k])
+        left = beyond_rest(self.model, self.posture, self.limits)[k]
         return step if step * (count // 2) <= left else rounded(2 * half / (count - 1), down=True)
-
-    def proposal(self, best: Tried) -> Proposal:
-        """The case in which that game is played."""
-        part = float((np.array(best.box) / self.sought()).min())
-        return _proposal(self.model, self.posture, best, part, self.rubs is not None)
-
-
-def _proposal(model: SymbolicModel, posture: Posture, best: Tried, part: float, rubs: bool = False) -> Proposal:
-    """The case in which that game is played; arguments as the attributes of `Proposal`."""
-    ends = zip(model.state_names, posture.x, best.box, strict=True)
-    U = {}
-    for n, rest, most, step in zip(model.input_names, posture.u, best.inputs, best.steps, strict=True):
-        at = beside(rest, step)
-        U[n] = (round(at - most, 12), round(at + most, 12), round(step, 12))
-    X = {n: (float(x) - own, float(x) + own) for n, x, own in ends}
-    won = best.cells, best.wins, posture.free, part, best.target, best.against, rubs and best.against > 0.0
-    return Proposal(best.tau, X, U, *won, best.narrowed)
-
-
-def beside(rest: float, step: float) -> float:
-    """An input at rest, with two digits more than the distance of its neighbours."""
-    return 0.0 if rest == 0.0 else round(float(rest), max(0, 3 - math.floor(math.log10(step))))
 
 
 HELD = 0.02
@@ -282,7 +228,7 @@ def propose(
     found = last_within(seconds, partial(_answers, model, sampled, at, limits, room, rubs), tell)
     if found is None:
         raise UserError(
-            f"not found in the time: {seconds:g} s do not suffice for the coarsest cells", key="synthesis.cells",
+            "not found in the time, which does not suffice for the coarsest cells", key="synthesis.cells",
             remedy="Search longer (--seconds).",
         )  # fmt: skip
     if isinstance(found, UserError):
@@ -299,18 +245,13 @@ def _answers(
     posture = posture_of(model, at)
     check_moved(model, posture)
     if is_driven(model):
-        for found in driven(model, sampled, posture, limits, room, tell):
-            if isinstance(found, UserError):
-                yield found
-            else:
-                part = min(1.0, *(found.box[model.state_names.index(c.position)] / REACH for c in model.coordinates))
-                yield _proposal(model, posture, found, part)
+        yield from driven(model, sampled, posture, limits, room, tell)
         return
     tell("searching for the sampling time and the shape of X")
     shape = _shape(model, posture)
     search = Search(model, sampled(shape.tau), posture, shape, limits, room, rubbing(model, posture, rubs, shape.tau))
     search.check()
-    tried: list[Tried] = []
+    tried: list[Proposal] = []
     yield _too_few(search, tried, "the time is up in the first game")
     rounds = search.rounds()
     for cells in rounds:
@@ -323,27 +264,28 @@ def _answers(
             )
             tried.append(search.play(cells, share))
             if tried[-1].wins >= WINS:
-                yield search.proposal(tried[-1])
-                for held in _held(search, tried, share, [cells, *rounds], tell):
-                    yield search.proposal(held)
+                yield tried[-1]
+                yield from _held(search, tried, share, [cells, *rounds], tell)
                 return
             yield _too_few(search, tried, "the time is up")
-    yield _too_few(search, tried, f"{'more' if tried else 'they'} are beyond a quick search")
+    yield _too_few(search, tried, f"{'more' if tried else 'they'} are beyond a quick search", begin="Give")
 
 
-def _too_few(search: Search, tried: Sequence[Tried], why: str) -> UserError:
+def _too_few(
+    search: Search, tried: Sequence[Proposal], why: str, begin: str = "Search longer (--seconds), give"
+) -> UserError:
     most = max(tried, key=lambda t: (t.wins, math.prod(t.cells)), default=None)
     won = f"on {_shown(most.cells)} cells the nominal model alone wins {most.wins:.2g}" if most is not None else ""
     asked = f"by its linear model it takes about {search.shape.size:,.0f} cells at tau = {search.shape.tau:g} s"
     return UserError(
         "; ".join(filter(None, (won, asked, why))), key="synthesis.cells",
-        remedy="Search longer (--seconds), give it another input or stronger ones, or begin with fewer states.",
+        remedy=f"{begin} it another input or stronger ones, or begin with fewer states.",
     )  # fmt: skip
 
 
 def _held(
-    search: Search, tried: list[Tried], share: float, rounds: Sequence[tuple[int, ...]], tell: Callable[[str], None]
-) -> Iterator[Tried]:
+    search: Search, tried: list[Proposal], share: float, rounds: Sequence[tuple[int, ...]], tell: Callable[[str], None]
+) -> Iterator[Proposal]:
     """What wins against a gap too, and then no more.
 
     Where joints rub there are more cells along their speeds, and inputs one size larger are tried as well; dry friction
@@ -360,7 +302,7 @@ def _held(
             yield tried[-1]
             return
         if rubs is not None:
-            yield replace(tried[-1], wins=alone.wins, against=0.0)
+            yield replace(tried[-1], wins=alone.wins, against=0.0, rubs=False)
 
 
 def _shown(cells: Sequence[int]) -> str:

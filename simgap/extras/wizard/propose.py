@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping
+import time
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from simgap.config.case import Case
 from simgap.errors import UserError
-from simgap.extras.wizard.driven_arm import rounded
+from simgap.extras.wizard.driven_arm import Proposal, rounded
 from simgap.extras.wizard.dry_friction_guess import blocks_along
-from simgap.extras.wizard.proposal import SECONDS, Proposal, propose
+from simgap.extras.wizard.proposal import SECONDS, WINS, propose
 from simgap.io.pages import text
 from simgap.notation import joined
 from simgap.plants.context import Context
@@ -54,12 +55,16 @@ class Numbers:
 
     @property
     def doubtful(self) -> str:
-        """What to know where the search found nothing that wins beside dry friction, in a sentence, or nothing."""
-        if not self.blocks or self.proposal.target is not None or self.proposal.rubs:
+        """What to know where a run may win nothing, in a sentence, or nothing."""
+        if self.blocks and self.proposal.target is None and not self.proposal.rubs:
+            why, better = "With the dry friction no cells of a quick search win", "Stronger drives or less friction"
+        elif self.proposal.wins < WINS:
+            why, better = f"{self.proposal.wins:.2g} of X is little", "Other inputs or another posture (--at)"
+        else:
             return ""
         return (
-            "With the dry friction no cells of a quick search win: a run may end with an empty winning domain, whose "
-            "page says what is missing. Stronger drives, a longer way or less friction help; --seconds searches longer."
+            f"{why}: a run may end with an empty winning domain, whose page says what is missing. {better} may help; "
+            "--seconds searches longer."
         )
 
     @property
@@ -89,13 +94,13 @@ def run(path: Path, at: Mapping[str, float], tell: Callable[[str], None], second
     Raises:
         UserError: as `numbers`.
     """
+    until = time.process_time() + seconds
     context = Context.load(path)
     case = context.case
-    limits = {}
-    if case.domain is not None:
-        limits = {n: max(abs(u.list()[0]), abs(u.list()[-1])) for n, u in case.domain.U.items()}
+    U = case.domain.U if case.domain is not None else {}
+    limits = {n: max(abs(u.list()[0]), abs(u.list()[-1])) for n, u in U.items()}
     with context.blame():
-        return numbers(case, context.folder, at, limits, {}, tell, seconds, _rubs(case))
+        return numbers(case, context.folder, at, limits, {}, tell, until, _rubs(case))
 
 
 def _rubs(case: Case) -> dict[str, float]:
@@ -106,10 +111,12 @@ def _rubs(case: Case) -> dict[str, float]:
 
 def numbers(
     case: Case, folder: Path, at: Mapping[str, float], limits: Mapping[str, float],
-    room: Mapping[str, tuple[float, float]], tell: Callable[[str], None], seconds: float = SECONDS,
+    room: Mapping[str, tuple[float, float]], tell: Callable[[str], None], until: float,
     rubs: Mapping[str, float] | None = None,
 ) -> Numbers:  # fmt: skip
-    """Numbers for the plant of a case; the arguments are those of `propose`, and the dry friction of joints that rub.
+    """Numbers for the plant of a case, with what is left `until` this process has had so much CPU time, s.
+
+    The other arguments are those of `propose`, and the dry friction of joints that rub.
 
     Raises:
         UserError: a plant of more states than a controller covers, or one that `propose` refuses.
@@ -122,17 +129,23 @@ def numbers(
         )  # fmt: skip
     if not case.plant.inputs:
         raise UserError("the plant has no input", key="plant.inputs", remedy="Name the joints that have a drive.")
-    found = propose(plant.carried, lambda tau: replace(plant, tau=tau).sampled, at, limits, room, tell, seconds, rubs)
+    model, left = plant.carried, until - time.process_time()
+    found = propose(model, lambda tau: replace(plant, tau=tau).sampled, at, limits, room, tell, left, rubs)
     coordinates = {c.name: c.velocity for c in plant.carried.coordinates}
     rubbing = {coordinates[joint] for joint in rubs or {}}
     if rubs:
         driven = {n: rubs[i.joint] for n, i in case.plant.inputs.items() if i.joint is not None and i.joint in rubs}
         found = quickened(found, set(coordinates.values()), driven, limits, room)
     kept = [n for n in found.X if n not in found.free]
-    along = blocks_along(kept, rubbing) if rubbing else dict.fromkeys(kept, ALONG.get(len(kept), 10))
+    along = cells_along(kept, rubbing)
     widths = {n: rounded((found.X[n][1] - found.X[n][0]) / (2 * along[n])) for n in kept}
     blocks = tuple(along.get(n, 1) for n in found.X) if rubbing else ()
     return Numbers(found, widths, DEGREE.get(len(case.plant.inputs), 2), blocks)
+
+
+def cells_along(kept: Sequence[str], rubbing: Collection[str]) -> dict[str, int]:
+    """Cells of the samples along each state on which the gap may depend; `rubbing` are speeds of joints that rub."""
+    return blocks_along(kept, rubbing) if rubbing else dict.fromkeys(kept, ALONG.get(len(kept), 10))
 
 
 def shown(values: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, ...]]:
@@ -147,6 +160,11 @@ TIMES = 7.0
 """Largest input over the dry friction that it has to overcome, at least. A two-link arm with 7 and 21 wins .84 of its
 cells with the gap, one with 10 at both joints and an obstacle .54; with a fifth it does not move at all."""
 
+_DRIVE = "drive gives", "Give it a stronger drive, or less friction."
+_JOINT = (
+    "joint's velocity limit is",
+    "Is that its own limit (<limit velocity> of the URDF)? Else less friction, or tau, X, U by hand",
+)
 Range = tuple[float, float]
 
 
@@ -178,28 +196,18 @@ def quickened(
             "in by hand.",
         )  # fmt: skip
     s = math.sqrt(ratio[most])
-    inputs = {}
+    inputs, speeds = {}, {n: (s * found.X[n][0], s * found.X[n][1]) for n in velocities}
     for name, (lo, hi, step) in found.U.items():
         rest, steps = 0.5 * (lo + hi), round((hi - lo) / (2 * step))
         wide = rounded(step * s * s)
-        needed = abs(rest) + steps * wide
-        if needed > limits.get(name, math.inf):
-            raise UserError(
-                f"for {TIMES:g} times the dry friction that {most} feels ({friction[most]:g}) the game takes {name} "
-                f"up to {needed:.2g}, and the drive gives {limits[name]:g}", key="friction",
-                remedy="Give it a stronger drive, or less friction.",
-            )  # fmt: skip
         inputs[name] = (round(rest - steps * wide, 12), round(rest + steps * wide, 12), wide)
-    for name in velocities:
-        lo, hi = room.get(name, (-math.inf, math.inf))
-        if s * found.X[name][0] < lo or s * found.X[name][1] > hi:
+    asked = {n: (max(abs(lo), abs(hi)), limits.get(n, math.inf), _DRIVE) for n, (lo, hi, _) in inputs.items()}
+    asked |= {n: (hi, min(-room[n][0], room[n][1]), _JOINT) for n, (_, hi) in speeds.items() if n in room}
+    for name, (needed, limit, (whose, remedy)) in asked.items():
+        if needed > limit:
             raise UserError(
                 f"for {TIMES:g} times the dry friction that {most} feels ({friction[most]:g}) the game takes {name} "
-                f"up to {s * found.X[name][1]:.2g}, and the joint's velocity limit is {hi:g}", key="friction",
-                remedy="Is that its own limit (<limit velocity> of the URDF)? Else less friction, or tau, X, U by hand",
+                f"up to {needed:.2g}, and the {whose} {limit:g}", key="friction", remedy=remedy,
             )  # fmt: skip
-
-    def scaled(box: Mapping[str, Range]) -> dict[str, Range]:
-        return {n: (s * lo, s * hi) if n in velocities else (lo, hi) for n, (lo, hi) in box.items()}
-
-    return replace(found, tau=rounded(found.tau / s), X=scaled(found.X), U=inputs, target=scaled(found.target))
+    target = {n: (s * lo, s * hi) if n in velocities else (lo, hi) for n, (lo, hi) in found.target.items()}
+    return replace(found, tau=rounded(found.tau / s), X={**found.X, **speeds}, U=inputs, target=target)
