@@ -39,7 +39,7 @@ from simgap.io.rerun.recording import (
     root,
     share_of_bound,
 )
-from simgap.io.rerun.scene import log_scene, robot_name, stance, viewed
+from simgap.io.rerun.scene import lean, log_scene, robot_name, stance, viewed
 from simgap.io.traces import GAP_AWARE, NOMINAL, SIMULATOR, TITLES, Trace, cut_short, twin
 from simgap.notation import axis_label
 from simgap.synthesis.controller import Controller
@@ -348,7 +348,7 @@ def _eye(content: Content) -> Any:
         high = 0.8 * float(max(arena.hi - arena.lo))
         return rrb.EyeControls3D(position=(x, y - 0.7 * high, high), look_target=(x, y, 0.0), eye_up=(0.0, 0.0, 1.0))
     along, across, reach = stance(content.scene)
-    target = np.array([0.0, 0.0, -0.45 * reach])
+    target = np.array([0.0, 0.0, 0.45 * lean(content, content.scene) * reach])
     eye = target + reach * (-1.35 * along + 0.12 * across) + np.array([0.0, 0.0, 0.12 * reach])
     return rrb.EyeControls3D(position=eye, look_target=target, eye_up=(0.0, 0.0, 1.0))
 
