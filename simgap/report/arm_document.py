@@ -71,7 +71,8 @@ def _mounted(document: Document) -> str:
     text = ""
     for p in (p for p in document["payloads"] if "m" in p["parameters"]):
         few = p["traces"] if len(p["traces"]) <= 4 else [*p["traces"][:3], f"{len(p['traces']) - 3} more"]
-        text += f" In recording{'s' * (len(few) > 1)} {joined(few)}, {p['link']} carries {Quoted(p['parameters']).number('m')} more."
+        mass, s = Quoted(p["parameters"]).number("m"), "s" * (len(few) > 1)
+        text += f" In recording{s} {joined(few)}, {p['link']} carries {mass} more."
     return text
 
 
