@@ -40,7 +40,7 @@ from simgap.io.rerun.recording import (
     share_of_bound,
 )
 from simgap.io.rerun.scene import lean, log_scene, robot_name, stance, viewed
-from simgap.io.traces import GAP_AWARE, NOMINAL, SIMULATOR, TITLES, Trace, cut_short, twin
+from simgap.io.traces import GAP_AWARE, NOMINAL, SIMULATOR, TITLES, Trace, cut_short, first_seconds, twin
 from simgap.notation import axis_label
 from simgap.synthesis.controller import Controller
 
@@ -353,19 +353,13 @@ def _eye(content: Content) -> Any:
     return rrb.EyeControls3D(position=eye, look_target=target, eye_up=(0.0, 0.0, 1.0))
 
 
-def first_seconds(content: Content) -> float:
-    """How much of the runs the curves show at first: enough to see the shortest run end, s."""
-    durations = [t.duration for t in content.shown.values()]
-    return max(0.05 * max(durations), min(max(durations), 6.0 * min(durations)))
-
-
 def _plot(content: Content, name: str, contents: Sequence[str]) -> Any:
     """Curves without a legend, which would lie on them: the text of the recording says what the colours mean."""
     import rerun as rr
     import rerun.blueprint as rrb
 
     boundary = rrb.TimeRangeBoundary.absolute
-    window = rr.TimeRange(boundary(seconds=0.0), boundary(seconds=first_seconds(content)))
+    window = rr.TimeRange(boundary(seconds=0.0), boundary(seconds=first_seconds(content.shown)))
     return rrb.TimeSeriesView(
         name=name,
         origin="/",
