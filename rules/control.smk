@@ -80,7 +80,7 @@ rule validation:
         baseline=lambda w, input: flagged("--baseline", input.baseline),
         trials=lambda w: TRIALS[w.tier],
     message:
-        "{wildcards.case}: both controllers in closed loop, {params.trials} trials, {threads} processes"
+        "{wildcards.case}: both controllers in closed loop ({params.trials} trials, {threads} at a time)"
     shell:
         "simgap validation {params.case:q} --nominal {input.nominal:q} --gap-aware {input.gap_aware:q} --gap {input.gap:q}"
         " {params.baseline:q} --out {output.summary:q} --traces {output.traces:q} --trials {params.trials}"
@@ -113,7 +113,7 @@ rule audit:
         trials=lambda w: TRIALS[w.tier],
         shards=lambda w, input: flagged("--rollouts", input.rollouts),
     message:
-        "{wildcards.case}: an adversary against bound and controller, {params.trials} trials, {threads} processes"
+        "{wildcards.case}: an adversary against bound and controller ({params.trials} trials, {threads} at a time)"
     shell:
         "simgap audit {params.case:q} --gap {input.gap:q} --controller {input.gap_aware:q} {params.shards:q}"
         " --fresh {input.fresh:q} --out {output.counts:q} --margins {output.margins:q} --witness {params.witness:q}"

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 _RARE = re.compile(r"[^\n\t -~]")
+_POWER = re.compile(r"\b\d[\d.]*e[+-]\d+\b")
 _INERTIAS = {"N*m*s^2/rad": "kg*m^2", "N*s^2/m": "kg"}
 _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
@@ -67,6 +68,24 @@ def number(value: Any, digits: int = 4) -> str:
     mantissa, exponent = text.split("e")
     factor = "" if mantissa == "1" else f"{mantissa}·"
     return f"{factor}10{superscript(str(int(exponent)))}"
+
+
+def interval(ends: Sequence[Any]) -> str:
+    """The ends of an interval with the digits that its width asks for: '1.2990 to 1.3005', not '1.3 to 1.3'."""
+    lo, hi = map(float, ends)
+    size, width = max(abs(lo), abs(hi)), hi - lo
+    if not 0.0 < width < math.inf:
+        return f"{number(lo)} to {number(hi)}"
+    places = 1 - math.floor(math.log10(width))
+    if places <= 6 and size < 1e6:
+        return f"{lo:.{max(places, 0)}f} to {hi:.{max(places, 0)}f}"
+    digits = max(places + 1 + math.floor(math.log10(size)), 3)
+    return f"{number(lo, digits)} to {number(hi, digits)}"
+
+
+def powers(text: str) -> str:
+    """Text with its powers of ten as tables print them: '7.2e-05' -> '7.2·10⁻⁵'."""
+    return _POWER.sub(lambda found: number(found[0], 15), text)
 
 
 def with_error(value: float, half: float, unit: str = "") -> str:

@@ -25,7 +25,7 @@ class Progress:
     """Progress of a run, from the events that Snakemake logs and the costs that `check` estimates (CPU s)."""
 
     def __init__(self) -> None:
-        self.left, self.rules, self.costs = Counter[str](), dict[int, str](), dict[str, float]()
+        self.left, self.rules, self.costs = Counter[str](), dict[int, str](), dict[str, dict[str, float]]()
         self.done = self.total = 0
 
     def line(self, record: Any) -> str:
@@ -40,7 +40,7 @@ class Progress:
             self.left[self.rules[record.job_id]] -= 1
         elif event == "job_info":
             self.rules[record.jobid] = record.rule_name
-            self._read_costs(Path("results") / record.wildcards.get("case", "") / "check/check.json")
+            self._read_costs(record.wildcards.get("case", ""))
             return f"{self._stand()}: {record.rule_msg}" if record.rule_msg else ""
         elif event == "error" or (event is None and record.levelno >= logging.WARNING):
             return f"simgap: {record.getMessage()}"
@@ -48,15 +48,19 @@ class Progress:
             return str(record.getMessage())
         return ""
 
-    def _read_costs(self, found: Path) -> None:
-        if not self.costs and found.is_file():
-            costs = {row["stage"]: row for row in json.loads(found.read_text())["costs"]}
-            begun = costs["workflow"]["seconds"] / costs["workflow"]["count"]
-            self.costs = {name: begun + row["seconds"] / JOBS.get(name, 1) for name, row in costs.items()}
+    def _read_costs(self, case: str) -> None:
+        found = Path("results") / case / "check/check.json"
+        if case not in self.costs and found.is_file():
+            rows = {row["stage"]: row for row in json.loads(found.read_text())["costs"]}
+            begun = rows["workflow"]["seconds"] / rows["workflow"]["count"]
+            own = {name: row["seconds"] / JOBS.get(name, 1) for name, row in rows.items() if not row["at_most"]}
+            self.costs[case] = {name: begun + own.get(name, 0.0) for name in rows}
 
     def _stand(self) -> str:
-        minutes = sum(count * self.costs.get(rule, 0) for rule, count in self.left.items()) / 60
-        left = f", about {minutes:.1f} min of CPU time left" if minutes else ""
+        """How far the run is; a rule costs the mean over the cases that were checked."""
+        known = self.costs.values()
+        seconds = sum(count * own.get(rule, 0.0) for rule, count in self.left.items() for own in known)
+        left = f", about {seconds / len(known) / 60:.1f} min of CPU time left" if seconds else ""
         return f"[{self.done} of {self.total} steps done{left}]"
 
 

@@ -45,7 +45,8 @@ def paragraph(question: Question, advice: Advice, units: Mapping[str, str], file
     if len(rivals) == 1:
         opening = f"These recordings separate {labels[0]} from everything else that was tried."
     else:
-        opening = f"These recordings cannot separate {joined(shown)}."
+        each = "; ".join(f"({k}) {words}" for k, words in enumerate(shown, start=1))
+        opening = f"These recordings cannot separate these explanations: {each}."
     if best is None:
         return (
             f"{opening} Each of the {advice.proposal.tried} inputs that were tried takes the plant out of its range "

@@ -12,7 +12,7 @@ from typing import Any
 
 from simgap import reading
 from simgap.errors import UserError
-from simgap.notation import number, pretty_unit, printable
+from simgap.notation import interval, number, powers, pretty_unit, printable
 
 STYLE = "style.css"
 _PACKAGED, _CHECKOUT = (reading.real(Path(__file__)).parents[k] / n for k, n in ((1, "templates"), (2, "reports")))
@@ -69,6 +69,8 @@ def render(template: str, **content: Any) -> str:
     environment = _environment(autoescape=True)
     environment.filters |= {
         "number": number,
+        "interval": interval,
+        "powers": powers,
         "unit": pretty_unit,
         "phrase": phrase,
         "described": described,

@@ -150,6 +150,12 @@ def shown(traces: Sequence[Trace], controller: str) -> Trace:
     return next((t for t in own if t.run == number), own[0])
 
 
+def first_seconds(chosen: Mapping[str, Trace]) -> float:
+    """How much of the runs on display, by controller, is shown enlarged: enough to see the shortest one end, s."""
+    durations = [t.duration for t in chosen.values()]
+    return max(0.05 * max(durations), min(max(durations), 6.0 * min(durations)))
+
+
 def cut_short(traces: Sequence[Trace], run: Trace) -> float:
     """Time by which a run ends before the same controller on the nominal model, s; 0 if that was not kept."""
     model = twin(traces, run)

@@ -54,8 +54,16 @@ def _told(effects: Sequence[Mapping[str, Any]], joints: Sequence[Mapping[str, st
     places: dict[str, list[str]] = {}
     for e in effects:
         places.setdefault(e["name"], []).append(str(e["on"]))
-    every = {frozenset(row[key] for row in joints): f"{key}s" for key in ("joint", "input")}
-    return [effect(name).phrase(every.get(frozenset(own)) or joined(own)) for name, own in places.items()]
+    return [effect(name).phrase(_place(own, joints)) for name, own in places.items()]
+
+
+def _place(names: Sequence[str], joints: Sequence[Mapping[str, str]]) -> str:
+    """'joints' where these are all of them, 'joint j4' or 'joints j4 and j5' for some; inputs alike."""
+    for key in ("joint", "input"):
+        every = {row[key] for row in joints}
+        if every.issuperset(names):
+            return f"{key}s" if every == set(names) else f"{key}{'s' * (len(names) > 1)} {joined(names)}"
+    return joined(names)
 
 
 def _mounted(document: Document) -> str:
@@ -63,7 +71,8 @@ def _mounted(document: Document) -> str:
     text = ""
     for p in (p for p in document["payloads"] if "m" in p["parameters"]):
         few = p["traces"] if len(p["traces"]) <= 4 else [*p["traces"][:3], f"{len(p['traces']) - 3} more"]
-        text += f" In {joined(few)} {p['link']} carries {Quoted(p['parameters']).number('m')} more."
+        mass, s = Quoted(p["parameters"]).number("m"), "s" * (len(few) > 1)
+        text += f" In recording{s} {joined(few)}, {p['link']} carries {mass} more."
     return text
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from simgap.io import figure_style as style
 from simgap.io.parquet import stack
 from simgap.io.rerun.recording import PlanarScene
-from simgap.io.traces import GAP_AWARE, MODEL, NOMINAL, SIMULATOR, shown
+from simgap.io.traces import GAP_AWARE, MODEL, NOMINAL, SIMULATOR, first_seconds, shown
 from simgap.plants.context import Context
 from simgap.report.figures import arena as figures_arena
 from simgap.report.figures import domains as figures_domains
@@ -125,7 +125,7 @@ def _loop(m: Material) -> dict[str, Any]:
     """Winning domains, trajectories, the gap along the run, and the times to the target where there is one."""
     context, where = m.context, scene(m.context)
     chosen = {kind: shown(m.traces, kind) for kind in (NOMINAL, GAP_AWARE)}
-    until = figures_traces.first_seconds(chosen)
+    until = first_seconds(chosen)
     steps = {k: t[SIMULATOR].get("steps_to_target", ()) for k, t in m.validation["controllers"].items()}
     out = {"gap": figures_traces.gap_figure(chosen[GAP_AWARE], context.states, context.units, until)}
     if len(context.states) == 2:

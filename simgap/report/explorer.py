@@ -15,11 +15,10 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.diagnosis.result import WindowPrediction
 from simgap.io import figure_style as style
-from simgap.io.traces import GAP_AWARE, NOMINAL, TITLES, shown
+from simgap.io.traces import GAP_AWARE, NOMINAL, TITLES, first_seconds, shown
 from simgap.notation import axis_label
 from simgap.report.figures.diagnosis import LOOKS, in_sequence
 from simgap.report.figures.gap import scaled
-from simgap.report.figures.traces import first_seconds
 from simgap.report.material import Material
 from simgap.report.scene import limits
 

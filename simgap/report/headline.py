@@ -6,10 +6,12 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from simgap.config.controller import Trials
 from simgap.gap.fitting.acceptance import Outside, clopper_pearson_upper
-from simgap.io.traces import BASELINE, EVERY_TITLE, GAP_AWARE, NOMINAL, SIMULATOR
-from simgap.notation import number
+from simgap.io.traces import BASELINE, EVERY_TITLE, GAP_AWARE, NOMINAL, SIMULATOR, shown
+from simgap.notation import number, pretty_unit
 from simgap.report import adversary, tables
 from simgap.report.material import Material
 from simgap.specifications.base import STUCK, specification_of
@@ -39,6 +41,8 @@ def verdict(m: Material) -> dict[str, Any]:
         f"{gap_aware['steps_outside_gamma']:,} of {gap_aware['steps']:,} steps outside gamma.",
         "sample": _sample(m),
         "nominal": f"Nominal-only controller: {_violations(nominal, steps)}.",
+        "failure": failure(m),
+        "cells_apart": cells_apart(m),
         "baseline": _baseline(m),
         "arrival": _arrival(m),
         "winning": f"The gap-aware controller wins {_won(m, GAP_AWARE)} of the {words.allowed} for every gap within "
@@ -127,6 +131,53 @@ def _own_share(m: Material) -> str:
         f" Both are shares of {every:,} cells; {found['free_cells']:,} of them stay free between samples, of which "
         f"it wins {100 * found['winning_fraction']:.1f} %."
     )
+
+
+def failure(m: Material) -> str:
+    """Why the nominal-only controller fails: the step that takes the run drawn out of its domain, which its gap did.
+
+    Nothing where the run fails otherwise: the step has to end outside the domain, and inside without its gap.
+    """
+    run, controller, units = shown(m.traces, NOMINAL), m.controllers[NOMINAL], m.context.units
+    if len(run.x) < 2 or not m.validation["controllers"][NOMINAL][SIMULATOR]["runs_that_violated_it"]:
+        return ""
+    end, gap = run.x[-1], run.d[-2]
+    if not controller.contains((end - gap)[None])[0] or controller.contains(end[None])[0]:
+        return ""
+    named = [(name, pretty_unit(units[name])) for name in m.context.states]
+    where = ", ".join(f"{n} = {number(x)} {unit}".rstrip() for (n, unit), x in zip(named, end, strict=True))
+    by = ", ".join(f"{number(d, 3)} {unit} in {n}".replace("  ", " ") for (n, unit), d in zip(named, gap, strict=True))
+    return (
+        f" In the run drawn, the last step ends at {where}, outside its winning domain. The gap of that step ({by}) is "
+        "the cause: the model alone would have stayed inside."
+    )
+
+
+def cells_apart(m: Material) -> str:
+    """How many cells one controller wins and the other loses, and why: the gap costs cells, a known bias gives some."""
+    aware, nominal = m.controllers[GAP_AWARE], m.controllers[NOMINAL]
+    if aware.grid.cells != nominal.grid.cells:
+        return ""
+    lost, won = (
+        int(np.count_nonzero(a.solution.winning & ~b.solution.winning)) for a, b in ((nominal, aware), (aware, nominal))
+    )
+    path = ", or the path between samples," if specification_of(m.context.case).between_samples else ""
+    said = ""
+    if lost:
+        said += (
+            f" The gap-aware controller loses {_cells(lost)} that the other wins: there, some gap within gamma{path} "
+            "leads out."
+        )
+    if won and tables.is_signed(m.gap):
+        said += (
+            f" The gap-aware controller wins {_cells(won)} that the other loses: gamma excludes zero in places, and "
+            "the gap that is certain to act there helps."
+        )
+    return said
+
+
+def _cells(count: int) -> str:
+    return f"{count:,} cell{'s' * (count != 1)}"
 
 
 def _violations(tally: Mapping[str, Any], steps: float) -> str:

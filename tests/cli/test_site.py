@@ -44,6 +44,22 @@ def test_every_page_opens_without_a_network(site):
             assert address is None or not re.match(r"https?:|//", address), (page.name, address)
 
 
+def test_a_bar_in_a_cell_has_no_backslash(site):
+    """The formula of Coulomb friction read "any \\|F\\| <= F_c"."""
+    text = (site / "reference/effects.html").read_text()
+    assert "any |F| &lt;= F_c" in text
+    assert r"\|" not in "".join(re.findall(r"<td.*?</td>", text, re.DOTALL))
+
+
+def test_every_link_within_the_site_leads_to_a_place(site):
+    places = {page: set(re.findall(r'\bid="([^"]+)"', page.read_text())) for page in site.rglob("*.html")}
+    for page in places:
+        for link in re.findall(r'<a [^>]*href="([^":]*#[^"]+)"', page.read_text()):
+            name, _, anchor = link.partition("#")
+            target = (page.parent / name).resolve() if name else page
+            assert anchor in places[target], (page.name, link)
+
+
 def test_the_first_page_is_the_readme(site, root):
     text = (site / "index.html").read_text()
     assert "measures how far a robot" in text

@@ -1,6 +1,7 @@
 """Recordings hold what the table of traces holds, and say so when they do not."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -8,7 +9,8 @@ import pytest
 
 from simgap.errors import BrokenPromise, UserError
 from simgap.io.rerun import closed_loop as recording_check
-from simgap.io.rerun.recording import share_of_bound
+from simgap.io.rerun.recording import JointScene, share_of_bound
+from simgap.io.rerun.scene import lean
 from simgap.io.traces import GAP_AWARE, NOMINAL, shown, split, twin
 from simgap.stages import trace as stage
 from tests.stages import loop_example as example
@@ -123,3 +125,15 @@ def test_share_of_the_bound(made):
 def test_a_table_that_is_no_trace_is_refused(made):
     with pytest.raises(UserError, match="no column safe"):
         split(table(made).drop_columns(["safe"]), ["x1", "x2"], ["u"])
+
+
+def test_the_camera_looks_at_the_plant_where_it_stands(root):
+    """The tutorial's upright rod stood above the view, which looked for a hanging one."""
+    scene = JointScene(root / "docs/tutorial/rod.urdf", {"hinge": 0})
+
+    def content(q: float) -> SimpleNamespace:
+        return SimpleNamespace(shown={"gap": SimpleNamespace(x=np.array([[q, 0.0]]))})
+
+    assert lean(content(0.0), scene) == pytest.approx(1.0)
+    assert lean(content(np.pi), scene) == pytest.approx(-1.0)
+    assert lean(content(np.pi / 2), scene) == pytest.approx(0.0, abs=1e-12)

@@ -4,12 +4,20 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+import numpy as np
+import pytest
+
 from simgap.config.controller import ValidationSection
 from simgap.gap.bounds.function import PROVEN
 from simgap.gap.fitting.dimension_fit import deterministic_tier
+from simgap.geometry import Box, Grid
+from simgap.io.traces import Trace
+from simgap.notation import interval, powers
 from simgap.report import arm_document, headline, tables
 from simgap.report.content import unproven
 from simgap.report.headline import little_won
+from simgap.specifications.solution import Solution
+from simgap.synthesis.controller import RULES, Controller
 
 
 def test_an_influence_that_rises_with_age_is_told_from_a_memory_of_the_robot():
@@ -114,5 +122,76 @@ def test_many_effects_of_an_arm_are_told_by_kind():
         arm_document.sentence(told | {"effects": effects[:n], "joints": rows[:k]}) for n, k in ((2, 4), (6, 4), (6, 3))
     )
     assert every.startswith("Coulomb friction at the joints and viscous friction at the joints together ")
+    some = arm_document.sentence(told | {"effects": effects[:5], "joints": rows[:3]})
+    assert some.startswith("Coulomb friction at the joints and viscous friction at the joints j1 and j2 together ")
     assert few.startswith("Coulomb friction of 2.0 ± 0.1 N m at the j1 and Coulomb friction of 2.0 ")
-    assert many.startswith("Coulomb friction at the j1, j2 and j3 and viscous friction at the j1, j2 and j3 together ")
+    assert many.startswith("Coulomb friction at the joints j1, j2 and j3 and viscous friction at the joints j1, j2 ")
+
+
+@pytest.mark.parametrize(
+    ("ends", "said"),
+    [
+        ((1.29903, 1.30049), "1.2990 to 1.3005"),
+        ((1.29998, 1.30002), "1.299980 to 1.300020"),
+        ((-0.01, 0.02), "-0.010 to 0.020"),
+        ((3.0, 240.0), "3 to 240"),
+        ((1.5e7, 1.6e7), "1.5·10⁷ to 1.6·10⁷"),
+        ((1e-8, 3e-8), "10⁻⁸ to 3·10⁻⁸"),
+        ((0.5, 0.5), "0.5 to 0.5"),
+    ],
+)
+def test_the_ends_of_an_interval_differ_in_print(ends, said):
+    """An interval of a gain stood on a page as "1.3 to 1.3"."""
+    assert interval(ends) == said
+
+
+def test_powers_of_ten_in_a_text_are_those_of_tables():
+    assert powers("q: 7.25e-05, 0.0003 and 1e-08; 3 cells") == "q: 7.25·10⁻⁵, 0.0003 and 10⁻⁸; 3 cells"
+
+
+def _apart(aware: str, nominal: str, end: float = 1.7, gap: float = 0.5) -> SimpleNamespace:
+    """Winning cells (x) of two controllers over four cells of [0, 2], and a nominal run whose last step has a gap."""
+    grid = Grid(Box([0.0], [2.0]), (4,))
+
+    def controller(cells: str) -> Controller:
+        won = np.array([c == "x" for c in cells])
+        solution = Solution(grid, won, won[:, None].astype(np.uint8), np.ones(4, dtype=bool))
+        return Controller(np.zeros((1, 1)), ("q",), ("u",), solution, RULES[0], {})
+
+    steps = [np.array([[v]]) for v in (0.0, gap, gap - 1.0, gap + 1.0)]
+    run = Trace.of(("nominal", "simulator", 0), 0.1, np.array([[0.2], [end]]), steps, np.ones(2, dtype=bool))
+    programs = {"lower": {}, "upper": {}}
+    return SimpleNamespace(
+        controllers={"gap": controller(aware), "nominal": controller(nominal)},
+        traces=[run],
+        validation={"controllers": {"nominal": {"simulator": {"runs_that_violated_it": 1}}}},
+        context=SimpleNamespace(states=("q",), units={"q": "rad"}, case=None),
+        gap={"dimensions": [{"scenario": programs}]},
+    )
+
+
+def test_the_step_that_ends_a_nominal_run_is_told_with_its_gap():
+    said = headline.failure(_apart("xx..", "xxx."))
+    assert "ends at q = 1.7 rad, outside its winning domain" in said
+    assert "(0.5 rad in q) is the cause" in said
+    assert headline.failure(_apart("xx..", "xxx.", end=1.2)) == ""  # it ends inside: something else ended it
+    assert headline.failure(_apart("xx..", "xxx.", gap=0.1)) == ""  # the model alone leaves too
+    kept = _apart("xx..", "xxx.")
+    kept.validation["controllers"]["nominal"]["simulator"]["runs_that_violated_it"] = 0
+    assert headline.failure(kept) == ""
+
+
+def test_why_one_controller_wins_cells_that_the_other_loses(monkeypatch):
+    monkeypatch.setattr(headline, "specification_of", lambda case: SimpleNamespace(between_samples=False))
+    both = headline.cells_apart(_apart(".xx.", "xxxx"))
+    assert "loses 2 cells that the other wins: there, some gap within gamma leads out" in both
+    assert "that the other loses" not in both
+    both = headline.cells_apart(_apart("xx.x", "xxx."))
+    assert "loses 1 cells" not in both
+    assert "wins 1 cells" not in both
+    assert "loses 1 cell that" in both
+    assert "wins 1 cell that the other loses: gamma excludes zero in places" in both
+    assert headline.cells_apart(_apart("xx..", "xx..")) == ""
+    unsigned = _apart("xxx.", "xx..")
+    unsigned.gap["dimensions"][0]["scenario"].pop("lower")
+    assert headline.cells_apart(unsigned) == ""  # the path between samples alone can do that

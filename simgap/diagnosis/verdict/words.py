@@ -67,8 +67,10 @@ def explained(document: Document) -> str:
 
 
 def _ahead(error: Mapping[str, Any]) -> str:
-    """How far ahead it is; no stretch may be as long."""
-    return f" {error['horizon_s']:g} s ahead" if error["horizon_rmse"] else " within the windows"
+    """How far ahead it is; no stretch may be as long, and an arm has no windows."""
+    if error["horizon_rmse"]:
+        return f" {error['horizon_s']:g} s ahead"
+    return " within the windows" if error["horizon_s"] else ""
 
 
 def _begun(text: str) -> str:

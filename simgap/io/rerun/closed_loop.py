@@ -39,8 +39,8 @@ from simgap.io.rerun.recording import (
     root,
     share_of_bound,
 )
-from simgap.io.rerun.scene import log_scene, robot_name, stance, viewed
-from simgap.io.traces import GAP_AWARE, NOMINAL, SIMULATOR, TITLES, Trace, cut_short, twin
+from simgap.io.rerun.scene import lean, log_scene, robot_name, stance, viewed
+from simgap.io.traces import GAP_AWARE, NOMINAL, SIMULATOR, TITLES, Trace, cut_short, first_seconds, twin
 from simgap.notation import axis_label
 from simgap.synthesis.controller import Controller
 
@@ -348,15 +348,9 @@ def _eye(content: Content) -> Any:
         high = 0.8 * float(max(arena.hi - arena.lo))
         return rrb.EyeControls3D(position=(x, y - 0.7 * high, high), look_target=(x, y, 0.0), eye_up=(0.0, 0.0, 1.0))
     along, across, reach = stance(content.scene)
-    target = np.array([0.0, 0.0, -0.45 * reach])
+    target = np.array([0.0, 0.0, 0.45 * lean(content, content.scene) * reach])
     eye = target + reach * (-1.35 * along + 0.12 * across) + np.array([0.0, 0.0, 0.12 * reach])
     return rrb.EyeControls3D(position=eye, look_target=target, eye_up=(0.0, 0.0, 1.0))
-
-
-def first_seconds(content: Content) -> float:
-    """Length of the runs that the curves show at first, s: enough to see the shortest run end."""
-    durations = [t.duration for t in content.shown.values()]
-    return max(0.05 * max(durations), min(max(durations), 6.0 * min(durations)))
 
 
 def _plot(content: Content, name: str, contents: Sequence[str]) -> Any:
@@ -365,7 +359,7 @@ def _plot(content: Content, name: str, contents: Sequence[str]) -> Any:
     import rerun.blueprint as rrb
 
     boundary = rrb.TimeRangeBoundary.absolute
-    window = rr.TimeRange(boundary(seconds=0.0), boundary(seconds=first_seconds(content)))
+    window = rr.TimeRange(boundary(seconds=0.0), boundary(seconds=first_seconds(content.shown)))
     return rrb.TimeSeriesView(
         name=name,
         origin="/",

@@ -55,9 +55,10 @@ def _joints(recording: Any, content: Content, scene: JointScene) -> None:
     import rerun as rr
 
     _, across, reach = stance(scene)
+    aside = -0.1 * lean(content, scene) * reach
     for number, (controller, trace) in enumerate(content.shown.items()):
         offset = APART * reach * (number - 0.5) * across
-        above = offset + np.array([0.0, 0.0, 0.1 * reach])
+        above = offset + np.array([0.0, 0.0, aside])
         label = rr.Points3D([above], labels=[TITLES[controller]], colors=rgb(COLOURS[controller]), radii=0.012)
         recording.log(f"scene/{controller}/label", label, static=True)
         _jointed(recording, scene, f"body_{controller}_simulator", offset, trace, rgb(COLOURS[controller]))
@@ -78,6 +79,18 @@ def stance(scene: JointScene) -> tuple[Floats, Floats, float]:
     document = reading.read_xml(scene.urdf)
     reach = sum(float(np.linalg.norm(_reach(document, j.child_link))) for j in joints)
     return along / np.linalg.norm(along), across / np.linalg.norm(across), max(reach, 0.1)
+
+
+def lean(content: Content, scene: JointScene) -> float:
+    """How far up the plant stands where the runs begin: 1 upright, -1 hanging, for joints about one axis."""
+    tree, document = _tree(scene.urdf, "lean"), reading.read_xml(scene.urdf)
+    x = next(iter(content.shown.values())).x[0]
+    angle, tip = 0.0, np.zeros(3)
+    for name, j in scene.joints.items():
+        joint = tree.get_joint_by_name(name)
+        angle += 0.0 if joint.joint_type == "prismatic" else float(x[j])
+        tip += _rotated(np.asarray(joint.axis), angle, _reach(document, joint.child_link))
+    return float(tip[2] / max(np.linalg.norm(tip), 1e-9))
 
 
 def _limits(recording: Any, content: Content, scene: JointScene, prefix: str, offset: Floats) -> None:

@@ -18,19 +18,23 @@ def cell_map(axis: Any, grid: Grid, values: Any, aspect: str = "auto", **look: A
     return axis.imshow(values.T, origin="lower", extent=extent, aspect=aspect, interpolation="nearest", **look)
 
 
-def layer_panels(
-    grid: Grid, layers: Sequence[int], states: Sequence[str], units: Mapping[str, str]
-) -> tuple[Any, Any, list[tuple[Any, int]]]:
-    """A figure with a panel for each layer of the third state: figure, all axes, and pairs of panel and layer."""
-    columns = min(3, len(layers))
+def layer_maps(
+    grid: Grid, values: Any, layers: Sequence[int], names: tuple[Sequence[str], Mapping[str, str]], label: str,
+    aspect: str = "auto", **look: Any,
+) -> tuple[Any, Any]:  # fmt: skip
+    """Values (c0, c1, c2) over the first two states, a panel for each layer of the third: the figure and its bar.
+
+    `names`: states, and their units. `label`: of the colour bar; without one there is none.
+    """
+    (states, units), columns = names, min(3, len(layers))
     rows = -(-len(layers) // columns)
     figure, axes = style.panels(rows, columns, 2.75 * rows + 0.5, sharex=True, sharey=True)
-    pairs = list(zip(axes.ravel(), layers, strict=False))
-    for axis, k in pairs:
+    for axis, k in zip(axes.ravel(), layers, strict=False):
+        picture = cell_map(axis, grid, values[:, :, k], aspect, **look)
         third = grid.box.lo[2] + grid.h[2] * (2 * k + 1)
         axis.set_title(f"{states[2]} = {third:.2f} {pretty_unit(units.get(states[2], ''))}")
     for axis in axes[-1]:
         axis.set_xlabel(axis_label(states[0], units))
     for axis in axes[:, 0]:
         axis.set_ylabel(axis_label(states[1], units))
-    return figure, axes, pairs
+    return figure, figure.colorbar(picture, ax=axes, label=label, shrink=0.8) if label else None

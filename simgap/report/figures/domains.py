@@ -11,9 +11,10 @@ from simgap.io import figure_style as style
 from simgap.io.figure_style import COLOURS
 from simgap.io.traces import GAP_AWARE, NOMINAL, SIMULATOR, TITLES, Trace
 from simgap.notation import axis_label
-from simgap.report.figures.cells import cell_map, layer_panels
+from simgap.report.figures.cells import cell_map, layer_maps
 from simgap.synthesis.controller import Controller
 
+SLICES = 6
 _PALE = {GAP_AWARE: "#BBD9EC", NOMINAL: "#F6D3BC"}
 
 
@@ -75,21 +76,15 @@ def _run(axis: Any, trace: Trace, colour: str, violated: str) -> None:
         axis.plot(*trace.x[-1, :2], "X", label=violated, **cross)
 
 
-def slices_figure(
-    controller: Controller, units: Mapping[str, str], count: int = 6, values: bool = True, title: str = ""
-) -> Any:
-    """Winning domain over the first two states at `count` values of the third, shaded by steps to the target.
+def slices_figure(controller: Controller, units: Mapping[str, str]) -> Any:
+    """Winning domain over the first two states at `SLICES` values of the third, shaded by steps to the target.
 
     White cells lose; without a value function all winning cells have one shade.
     """
     grid, solution = controller.grid, controller.solution
-    field = solution.at_first(solution.value) if values and solution.value is not None else None
+    field = solution.at_first(solution.value) if solution.value is not None else None
     shades = np.where(solution.winning, 0 if field is None else field, -1).reshape(grid.cells).astype(float)
-    shades = np.ma.masked_less(shades, 0.0)
-    layers = np.unique((np.arange(count) * grid.cells[2]) // count).tolist()
-    figure, axes, panels = layer_panels(grid, layers, controller.states, units)
-    most = max(1.0, float(np.max(shades.filled(0.0))))
-    pictures = [cell_map(a, grid, shades[:, :, k], cmap="viridis_r", vmin=0.0, vmax=most) for a, k in panels]
-    if field is not None:
-        figure.colorbar(pictures[-1], ax=axes, label=title or "worst-case steps to the target", shrink=0.8)
-    return figure
+    layers = np.unique((np.arange(SLICES) * grid.cells[2]) // SLICES).tolist()
+    look: dict[str, Any] = {"cmap": "viridis_r", "vmin": 0.0, "vmax": max(1.0, float(shades.max()))}
+    label = "worst-case steps to the target" if field is not None else ""
+    return layer_maps(grid, np.ma.masked_less(shades, 0.0), layers, (controller.states, units), label, **look)[0]

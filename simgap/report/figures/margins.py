@@ -11,7 +11,7 @@ from simgap.arrays import Floats
 from simgap.geometry import Grid
 from simgap.io import figure_style as style
 from simgap.notation import axis_label, number, pretty_unit
-from simgap.report.figures.cells import cell_map, layer_panels
+from simgap.report.figures.cells import cell_map, layer_maps
 from simgap.synthesis.margins import LARGEST_FACTOR, shown_layers
 
 MAP = "cividis"  # one hue after another in order of lightness, alike to all kinds of colour vision
@@ -30,7 +30,8 @@ def plane_figure(grid: Grid, factor: Floats, extra: Floats, states: Sequence[str
     figure, (axes,) = style.panels(1, 3, 4.2, 1.4 * style.WIDTH, sharex=True, sharey=True)
     most = (LARGEST_FACTOR, *(2.0 * grid.h * grid.cells).tolist())
     for axis, title, values, end in zip(axes, titles, (factor, *extra.T), most, strict=True):
-        picture = _layer(axis, grid, values.reshape(grid.cells), _scale(values))
+        scale = _scale(values)
+        picture = cell_map(axis, grid, _cut(values.reshape(grid.cells), scale), cmap=MAP, norm=scale)
         axis.set_title(title)
         axis.set_xlabel(axis_label(states[0], units))
         _ends(figure.colorbar(picture, ax=axis, orientation="horizontal", shrink=0.95), values, end)
@@ -42,9 +43,9 @@ def slices_figure(grid: Grid, factor: Floats, states: Sequence[str], units: Mapp
     """The common factor (cells,) over the first two states at `count` values of the third, those with any."""
     shown, scale = factor.reshape(grid.cells), _scale(factor)
     layers = [k for k in shown_layers(grid.cells[2], count) if np.isfinite(shown[:, :, k]).any()] or [0]
-    figure, axes, panels = layer_panels(grid, layers, states, units)
-    pictures = [_layer(axis, grid, shown[:, :, k], scale, "equal") for axis, k in panels]
-    _ends(figure.colorbar(pictures[-1], ax=axes, label=FACTOR, shrink=0.8), factor, LARGEST_FACTOR)
+    look = {"aspect": "equal", "cmap": MAP, "norm": scale}
+    figure, bar = layer_maps(grid, _cut(shown, scale), layers, (states, units), FACTOR, **look)
+    _ends(bar, factor, LARGEST_FACTOR)
     return figure
 
 
@@ -74,6 +75,6 @@ def _ends(bar: Any, values: Floats, most: float) -> None:
             label.set_ha("left" if tick == low else "right" if tick == high else "center")
 
 
-def _layer(axis: Any, grid: Grid, values: Floats, scale: Any, aspect: str = "auto") -> Any:
-    cut = np.where(values > 0, values, np.where(np.isnan(values), np.nan, scale.vmin))
-    return cell_map(axis, grid, np.ma.masked_invalid(cut), aspect, cmap=MAP, norm=scale)
+def _cut(values: Floats, scale: Any) -> Any:
+    """Margins as they are drawn: 0 at the low end of the scale, blank where there is none."""
+    return np.ma.masked_invalid(np.where(values > 0, values, np.where(np.isnan(values), np.nan, scale.vmin)))

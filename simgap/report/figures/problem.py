@@ -53,16 +53,18 @@ def problem_figure(
     return figure
 
 
-def _states(axis: Any, box: Box, pair: tuple[int, int], states: Sequence[str], units: Mapping[str, str]) -> None:
+def _x_box(axis: Any, corner: tuple[float, float], size: tuple[float, float]) -> None:
     from matplotlib.patches import Rectangle
 
+    axis.add_patch(Rectangle(corner, *size, facecolor=PALE, edgecolor=style.GREY, ls="--", lw=1.2, label="X"))
+    axis.grid(visible=False)
+
+
+def _states(axis: Any, box: Box, pair: tuple[int, int], states: Sequence[str], units: Mapping[str, str]) -> None:
     lo, hi = box.lo[list(pair)], box.hi[list(pair)]
-    axis.add_patch(
-        Rectangle((lo[0], lo[1]), *(hi - lo), facecolor=PALE, edgecolor=style.GREY, ls="--", lw=1.2, label="X")
-    )
+    _x_box(axis, tuple(lo), tuple(hi - lo))
     axis.set_xlabel(axis_label(states[pair[0]], units))
     axis.set_ylabel(axis_label(states[pair[1]], units))
-    axis.grid(visible=False)
 
 
 def _room(axis: Any) -> None:
@@ -74,16 +76,11 @@ def _room(axis: Any) -> None:
 
 
 def _interval(axis: Any, lo: float, hi: float, label: str) -> None:
-    from matplotlib.patches import Rectangle
-
-    axis.add_patch(
-        Rectangle((-BAR, lo), 2 * BAR, hi - lo, facecolor=PALE, edgecolor=style.GREY, ls="--", lw=1.2, label="X")
-    )
+    _x_box(axis, (-BAR, lo), (2 * BAR, hi - lo))
     axis.set_xlim(-1, 1)
     axis.set_ylim(lo - 0.05 * (hi - lo), hi + 0.05 * (hi - lo))
     axis.set_xticks([])
     axis.set_ylabel(label)
-    axis.grid(visible=False)
 
 
 def _inputs(axis: Any, values: Floats, drives: Sequence[str], units: Mapping[str, str]) -> None:

@@ -12,7 +12,7 @@ from simgap.geometry import Box
 from simgap.io import figure_style as style
 from simgap.io.figure_style import COLOURS
 from simgap.io.rerun.recording import share_of_bound
-from simgap.io.traces import GAP_AWARE, NOMINAL, TITLES, Trace, twin
+from simgap.io.traces import GAP_AWARE, NOMINAL, TITLES, Trace, first_seconds, twin
 from simgap.notation import axis_label
 from simgap.report.figures.gap import places, scaled
 
@@ -51,12 +51,6 @@ def trajectories_figure(
         axes[j, 0].set_ylabel(axis_label(name, units))
     style.legend(figure)
     return figure
-
-
-def first_seconds(shown: Mapping[str, Trace]) -> float:
-    """Length of the runs that is shown enlarged, s: enough to see the shortest one end."""
-    durations = [t.duration for t in shown.values()]
-    return max(0.05 * max(durations), min(max(durations), 6.0 * min(durations)))
 
 
 def _states(axis: Any, trace: Trace, model: Trace | None, safe: Box, j: int, until: float) -> None:
