@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.arrays import Bools, Floats, Ints
+from simgap.arrays import Floats, Ints
 from simgap.errors import UserError, excerpt, placed
 from simgap.units import conversion, full_turn
 
@@ -42,11 +42,6 @@ class RawTable:
     def rows(self) -> int:
         """Number of rows."""
         return int(self.time.size)
-
-    @property
-    def whole(self) -> Bools:
-        """Which rows have no empty cell, (n,)."""
-        return np.asarray(~np.isnan([np.zeros(self.rows), *self.columns.values()]).any(axis=0))
 
 
 def no_time_column(time: str, header: Sequence[str], file: str) -> UserError:
