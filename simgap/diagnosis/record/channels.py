@@ -110,9 +110,7 @@ def measured_columns(
             stores a unit that is not the channel's. What the case has to say otherwise names its key and no file.
     """
     for c in channels:
-        if c.constant is not None:
-            continue
-        if c.mapped and c.column not in header:
+        if c.constant is None and c.mapped and c.column not in header:
             raise UserError(
                 f"'{file}' has no column '{c.column}', it has {_listed(header)}",
                 key=f"{c.key}.column", remedy="Name one of its columns.",

@@ -223,9 +223,7 @@ def _held_out(origins: Mapping[str, tuple[str, str | None]], section: MeasuredSe
     for key, wanted in (("files", section.held_out.files), ("traces", section.held_out.traces)):
         for w in wanted:
             hits = {n for n, (f, label) in origins.items() if (same_file(w, f) if key == "files" else w in (label, n))}
-            if not hits and not strict:
-                continue
-            if not hits:
+            if strict and not hits:
                 raise UserError(
                     f"'{w}' is not among the data",
                     key=f"measured.held_out.{key}",

@@ -15,7 +15,7 @@ from simgap.diagnosis.record.channels import RawTable, no_time_column
 from simgap.errors import UserError, excerpt, placed
 from simgap.io.parquet import checksum_holds, record_of
 from simgap.io.recordings.mcap_file import MAGIC, mcap_header, read_mcap
-from simgap.io.recordings.text_file import CsvLayout, csv_layout, json_cells, json_table, read_csv_columns
+from simgap.io.recordings.text_file import csv_layout, json_cells, json_table, read_csv_columns
 from simgap.late import pyarrow as pa
 from simgap.late import pyarrow_compute as pc
 from simgap.late import pyarrow_csv as pcsv
@@ -101,7 +101,8 @@ def _source(
     if kind == "parquet":
         return parquet_header(path, file), lambda columns: read_parquet_columns(path, columns, file), "column"
     layout = csv_layout(path, file)
-    return layout.header, lambda columns: _read_csv(path, layout, columns, time, labels, file), "column"
+    types = {c: pa.string() if c == labels else pa.float64() for c in wanted if c != time}
+    return layout.header, lambda columns: read_csv_columns(path, layout, columns, types, file), "column"
 
 
 def _whole(raw: RawTable, path: Path, file: str) -> RawTable:
@@ -138,11 +139,6 @@ def _refuse_no_file(path: Path, file: str) -> None:
         raise UserError("is a folder, not a file", file=file, remedy=remedy)
     if not reading.is_file(path):
         raise UserError("no such file", file=file, remedy=_GIVE)
-
-
-def _read_csv(path: Path, layout: CsvLayout, columns: list[str], time: str, labels: str | None, file: str) -> pa.Table:
-    types = {c: pa.string() if c == labels else pa.float64() for c in columns if c != time}
-    return read_csv_columns(path, layout, columns, types, file)
 
 
 def _stamps(column: Any, file: str, name: str) -> tuple[Any, str | None]:
