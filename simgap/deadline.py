@@ -11,9 +11,11 @@ import signal
 import traceback
 import warnings
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
-from typing import TypeVar
+from pickle import UnpicklingError
+from typing import Any, TypeVar
 
 from simgap.errors import UserError
 
@@ -35,6 +37,7 @@ def last_within(
 
     Raises:
         Exception: what the search raises before it finds anything but refusals.
+        UserError: somebody else ends it before that.
     """
     here, there = get_context("fork").Pipe(duplex=False)
     process = get_context("fork").Process(target=_report, args=(seconds, search, there, os.getpid()), daemon=True)
@@ -44,8 +47,7 @@ def last_within(
     there.close()
     last: Found | None = None
     try:
-        while True:
-            kind, value = here.recv()
+        for kind, value in _received(here):
             if kind == "raised" and (last is None or isinstance(last, UserError)):
                 raise value
             if kind == "raised":
@@ -54,10 +56,12 @@ def last_within(
                 tell(value)
             else:
                 last = value
-    except EOFError:
         process.join()
         if last is None and process.exitcode not in (0, -signal.SIGPROF):
-            raise RuntimeError(f"the search ended with status {process.exitcode}") from None
+            raise UserError(
+                f"the search was ended from outside (signal {-(process.exitcode or 0)})",
+                remedy="Check that its memory suffices (the system ends what takes too much), then run it again.",
+            )
         return last
     except KeyboardInterrupt:
         if last is None or not stoppable:
@@ -67,6 +71,13 @@ def last_within(
         process.kill()
         process.join()
         here.close()
+
+
+def _received(pipe: Connection) -> Iterator[tuple[str, Any]]:
+    """What comes through a pipe, until its other end is gone: maybe while it sends."""
+    with suppress(EOFError, OSError, UnpicklingError):
+        while True:
+            yield pipe.recv()
 
 
 def seconds_left() -> float:

@@ -8,7 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from simgap import reading
-from simgap.config.measured import MeasuredSection
+from simgap.config.measured import Mask, MeasuredSection
 from simgap.diagnosis.record.channels import Channel
 from simgap.diagnosis.record.traces import read_traces
 from simgap.errors import UserError
@@ -56,6 +56,8 @@ REFUSED = {
     "late bytes": (csv(b"t,q\n" + b"0,1\n" * 500 + b"1,\xff\xfe\n"), "run.csv"),
     "ragged bytes": (csv(b"t,q\n" + b"0,1\n" * 500 + b"1,\xff\xfe,3\n"), "run.csv"),
     "sparse": (("run.csv", sparse), "has .* bytes; the most are"),  # an hour to hash, and no byte on the disk
+    "text below an empty cell": (csv("t,q\n0,\n1,abc\n"), "row 2, column 'q': 'abc' is not a finite number"),
+    "text in Parquet": (parquet({"t": T, "q": ["", "1", "abc"]}), "row 3, column 'q': 'abc' is not a finite number"),
     "null bytes": (csv(b"t,q\n0,\x00\n"), "row 1, column 'q'"),
 }
 
@@ -100,7 +102,7 @@ def test_what_is_no_text_is_called_by_its_name(tmp_path, start, said):
         read_recording(tmp_path / "run.bin", ["q"], "t", "trace")
 
 
-EMPTY = {"csv": "", "na.csv": "NaN", "json": "null"}
+EMPTY = {"csv": "", "blank.csv": " ", "na.csv": "NaN", "json": "null", "nan.json": "NaN"}
 
 
 @pytest.mark.parametrize("kind", EMPTY)
@@ -111,7 +113,7 @@ def test_a_row_with_an_empty_cell_is_one_that_is_missing(tmp_path, kind):
 
     def read(name, rows):
         lines = [",".join(("t", "q", "u")), *map(",".join, rows)]
-        if kind == "json":
+        if kind.endswith("json"):
             lines = [f'{{"t": {t}, "q": {q}, "u": {u}}}' for t, q, u in rows]
         (tmp_path / name).write_text("\n".join(lines) + "\n")
         raw = read_recording(tmp_path / name, ["q", "u"], "t", "trace")
@@ -130,9 +132,56 @@ def test_a_row_with_an_empty_cell_is_one_that_is_missing(tmp_path, kind):
     assert without.warnings == ()
 
 
+def traces(folder, *files, **section):
+    """Files of two traces, of 190 rows and of 10, at 100 Hz; of each, by column, which rows have an empty cell."""
+    channels = [Channel("q", "rad", False, "q"), Channel("v", "rad/s", False, "v"), Channel("u", "N*m", True, "u")]
+    tables = []
+    for n, empty in enumerate(files):
+        rows = [
+            ",".join(
+                ("ab"[k >= 190], f"{0.01 * k:.2f}", *("" if k in own else f"{k * k % 7}" for own in empty.values()))
+            )
+            for k in range(200)
+        ]
+        path = folder / f"run{n}.csv"
+        path.write_text("\n".join([",".join(("trace", "t", *empty)), *rows]) + "\n")
+        tables.append(read_recording(path, ["q", "v", "u"], "t", "trace", path.name))
+    return read_traces(tables, channels, MeasuredSection(window_s=0.08, **section))
+
+
 def test_many_empty_cells_are_refused(tmp_path):
     """Columns of two rates leave most rows with one: no row is whole, and the file cannot say which belong together."""
-    lines = [f"{0.01 * k:.2f},{k}," if k % 2 else f"{0.01 * k:.2f},,{k}" for k in range(100)]
-    (tmp_path / "run.csv").write_text("t,q,u\n" + "\n".join(lines) + "\n")
-    with pytest.raises(UserError, match=r"row 1, column 'q': the cell is empty; 100 of 100 rows .* common times"):
-        read_recording(tmp_path / "run.csv", ["q", "u"], "t", "trace")
+    rates = {"q": range(0, 200, 2), "u": range(1, 200, 2)}
+    said = r"run0\.csv: measured\.columns\.q: row 1, 'q': the cell is empty; 200 of 200 rows .* common times"
+    with pytest.raises(UserError, match=said):
+        traces(tmp_path, rates)
+
+
+def test_empty_cells_count_where_a_column_is_used(tmp_path):
+    """The other file has no v."""
+    found = traces(tmp_path, {"q": (), "v": range(200), "u": ()}, {"q": (), "u": ()})
+    assert [note.rows_used for note in found.files] == [200, 200]
+    assert not any("empty" in words for words in found.warnings)
+
+
+def test_empty_cells_count_where_no_mask_is(tmp_path):
+    empty = {"q": range(5, 65), "u": (7, 170)}
+    found = traces(tmp_path, empty, masks=[Mask(trace="a", drop=(0.0, 0.7))])
+    assert found.warnings == ("run0.csv: 1 row has an empty cell and counts as missing",)
+    assert sum(note.rows_used for note in found.files) == 200 - 71 - 1
+    with pytest.raises(UserError, match=r"row 72, 'u': the cell is empty; 10 of 129 rows"):
+        traces(tmp_path, {"q": range(5, 65), "u": (*range(7, 80), 170)}, masks=[Mask(trace="a", drop=(0.0, 0.7))])
+
+
+@pytest.mark.parametrize("others", [(), ({"q": (), "u": ()},)])
+def test_a_trace_without_a_whole_row_is_refused(tmp_path, others):
+    """It has a twentieth of the rows of its file."""
+    said = (
+        r"^run\d\.csv: measured\.columns\.u: row 191, 'u': the cell is empty; 10 of 10 rows of its trace have one\. At"
+    )
+    with pytest.raises(UserError, match=said):
+        traces(tmp_path, *others, {"q": (), "u": range(190, 200)})
+    with pytest.raises(UserError, match=r"row 1, 'u': the cell is empty; 200 of 200 rows have one"):
+        traces(tmp_path, *others, {"q": (), "u": range(200)})
+    found = traces(tmp_path, *others, {"q": (), "u": range(190, 200)}, masks=[Mask(trace="b", drop=(0.0, 9.0))])
+    assert {trace.name for trace in found.record.traces} == {"run0:a", "run1:a"} if others else {"run0:a"}

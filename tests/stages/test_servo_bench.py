@@ -139,7 +139,7 @@ def moves(content):
 REFUSED = [
     (moves, r"conditions_from\.m.*row 51: 'mass' gives 0\.3 kg where it gave 0\.2 before.*cut the file there"),
     (lambda content: content.update(mass="heavy"), r"row 1, key 'mass': 'heavy' is a text, not a number"),
-    (lambda content: content.update(mass=None), r"row 1, key 'mass': the cell is empty; .* of .* rows have one"),
+    (lambda content: content.update(mass=None), r"conditions_from\.m: row 1, 'mass': the cell is empty.*Write the"),
 ]
 
 

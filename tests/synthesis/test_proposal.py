@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from dataclasses import replace
+from multiprocessing.connection import Connection
 
 import numpy as np
 import pytest
@@ -295,7 +296,7 @@ def test_what_a_search_raises_or_dies_of_is_no_answer():
         last_within(10.0, fails, print)
     with pytest.raises(UserError, match="no such plant"):
         last_within(10.0, refuses, print)
-    with pytest.raises(RuntimeError, match="ended with status -9"):
+    with pytest.raises(UserError, match=r"^the search was ended from outside \(signal 9\)\. Check that its memory"):
         last_within(10.0, lambda tell: os.kill(os.getpid(), signal.SIGKILL), print)
 
 
@@ -337,6 +338,27 @@ def test_what_was_found_before_a_search_fails_or_dies_is_its_answer():
     with pytest.raises(UserError, match="never"):
         last_within(math.inf, refused, print)
     assert last_within(10.0, dies, print) == 2
+
+
+@pytest.mark.parametrize("size", [2, 6])
+def test_a_search_that_is_ended_while_it_sends_has_found_what_it_sent_before(size):
+    """Within the length of a message, and within the message."""
+
+    def search(count):
+        def cut(pipe, content):
+            os.write(pipe.fileno(), bytes(content)[:size])
+            os.kill(os.getpid(), signal.SIGKILL)
+
+        def found(tell):
+            yield from range(count)
+            Connection._send = cut  # of the process that searches
+            yield count
+
+        return found
+
+    assert last_within(10.0, search(3), print) == 2
+    with pytest.raises(UserError, match=r"ended from outside \(signal 9\)"):
+        last_within(10.0, search(0), print)
 
 
 def test_a_step_in_which_the_inputs_do_nothing_is_told_from_inputs_that_are_weak():

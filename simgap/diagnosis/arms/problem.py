@@ -73,9 +73,9 @@ class Part:
         """Some of the rows."""
         return Part(*(getattr(self, f.name)[rows] for f in fields(self)))
 
-    def beside(self, other: Part) -> Part:
-        """The rows of both."""
-        return Part(*(np.concatenate([getattr(p, f.name) for p in (self, other)]) for f in fields(self)))
+    def beside(self, *others: Part) -> Part:
+        """The rows of all."""
+        return Part(*(np.concatenate([getattr(p, f.name) for p in (self, *others)]) for f in fields(self)))
 
     def grams(self, weights: Floats) -> tuple[Floats, Floats]:
         """(p, p) and (p,): X'WX and X'Wy, joints weighted."""
@@ -114,8 +114,7 @@ def part_of(
     Args:
         known: terms that the case declares, effect -> (n,) parameters, which are part of the declared model.
     """
-    xs, ys, lives, times, torques = [], [], [], [], []
-    traces: list[Ints] = []
+    parts = list[Part]()
     for m in motions:
         whole = m.low_pass(regressor(tree, m.q, m.v, m.a))[m.used]
         felt = m.low_pass(m.a)  # as in the regressor: an inertia of bodies and of a rotor are compared alike
@@ -127,13 +126,10 @@ def part_of(
         missing = torque - whole @ tree.inertial.ravel() - m.v[m.used] * tree.damping - weight
         for k, name in enumerate(TERMS):
             missing -= terms[:, :, k] * known.get(name, 0.0)
-        xs.append(np.concatenate([whole[:, :, base.kept], rows, *carried], axis=2))
-        ys.append(missing)
-        lives.append((np.abs(m.v[m.used]) > rest).astype(np.float64))
-        times.append(m.t[m.used])
-        torques.append(torque)
-        traces.append(np.full(len(whole), len(traces), dtype=np.int64))
-    return Part(*(np.concatenate(a) for a in (xs, ys, lives, traces, times, torques)))
+        x, live = np.concatenate([whole[:, :, base.kept], rows, *carried], axis=2), np.abs(m.v[m.used]) > rest
+        trace = np.full(len(whole), len(parts), dtype=np.int64)
+        parts.append(Part(x, missing, live.astype(np.float64), trace, m.t[m.used], torque))
+    return parts[0].beside(*parts[1:])
 
 
 def _payloads(

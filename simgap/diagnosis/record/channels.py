@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.arrays import Bools, Floats, Ints
+from simgap.arrays import Floats, Ints
 from simgap.errors import UserError, excerpt, placed
 from simgap.units import conversion, full_turn
 
@@ -42,11 +42,6 @@ class RawTable:
     def rows(self) -> int:
         """Number of rows."""
         return int(self.time.size)
-
-    @property
-    def whole(self) -> Bools:
-        """Which rows have no empty cell, (n,)."""
-        return np.asarray(~np.isnan([np.zeros(self.rows), *self.columns.values()]).any(axis=0))
 
 
 def no_time_column(time: str, header: Sequence[str], file: str) -> UserError:
@@ -115,9 +110,7 @@ def measured_columns(
             stores a unit that is not the channel's. What the case has to say otherwise names its key and no file.
     """
     for c in channels:
-        if c.constant is not None:
-            continue
-        if c.mapped and c.column not in header:
+        if c.constant is None and c.mapped and c.column not in header:
             raise UserError(
                 f"'{file}' has no column '{c.column}', it has {_listed(header)}",
                 key=f"{c.key}.column", remedy="Name one of its columns.",

@@ -187,13 +187,7 @@ def split(
         else:
             short.append(piece.stop - piece.start)
     masked, gaps = (int(np.count_nonzero(x)) for x in (~inside, (steps > limit) & inside[1:] & inside[:-1]))
-    counts = {
-        "repeated": repeated,
-        "masked": masked,
-        "gaps": gaps,
-        "short_pieces": len(short),
-        "short_rows": sum(short),
-    }
+    counts = dict(zip(_COUNTED, (repeated, masked, gaps, len(short), sum(short)), strict=True))
     return Split(tuple(out), int(t.size), counts, unwrapped)
 
 

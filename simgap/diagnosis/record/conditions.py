@@ -51,11 +51,17 @@ def told_by_columns(table: RawTable, channels: Sequence[Channel]) -> dict[str | 
     values, found = convert(table, channels).values, dict[str | None, dict[str, float]]()
     for label, rows in by_label(table):
         for c in channels:
-            own = values[c.name][rows]
+            written = rows[~np.isnan(values[c.name][rows])]  # it never changes: some cells may be empty
+            own = values[c.name][written]
+            if not own.size:
+                raise UserError(
+                    f"row {rows[0] + 1}, '{c.column}': the cell is empty, as are all of its trace",
+                    file=table.file, key=c.key, remedy="Write the value there, or give it under measured.conditions.",
+                )  # fmt: skip
             other = np.flatnonzero(own != own[0])
             if other.size:
                 raise UserError(
-                    f"row {rows[other[0]] + 1}: '{c.column}' gives {own[other[0]]:.6g} {c.unit} where it gave "
+                    f"row {written[other[0]] + 1}: '{c.column}' gives {own[other[0]]:.6g} {c.unit} where it gave "
                     f"{own[0]:.6g} before", file=table.file, key=c.key,
                     remedy="A condition holds throughout: cut the file there, or separate its parts by a trace column; "
                     "for what is measured with noise state its mean under measured.conditions.",

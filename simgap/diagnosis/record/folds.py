@@ -158,9 +158,7 @@ def joined(windows: Windows) -> Windows:
 
 def stretches(windows: Windows, t: Floats, names: list[str]) -> tuple[tuple[str, float, float], ...]:
     """(trace, from, to) in s, neighbouring windows of a trace joined; t: (n,) s, names: of the traces."""
-    whole = joined(windows)
-    rows = zip(whole.start.tolist(), whole.stop.tolist(), whole.trace.tolist(), strict=True)
-    return tuple((names[k], float(t[a]), float(t[b - 1])) for a, b, k in rows)
+    return tuple((names[k], float(t[a]), float(t[b - 1])) for a, b, _, k in joined(windows))
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,16 +200,10 @@ def cut_in_folds(
         UserError: if windows as short as `MIN_SAMPLES` samples are too few, or for what `split_windows` and
             `confirm_mask` refuse.
     """
-    length = seconds
+    length, names = seconds, [trace.name for trace in record.traces]
     while True:
         windows = split_windows(record, length)
-        folds = split_folds(
-            [trace.name for trace in record.traces],
-            windows,
-            traces,
-            share,
-            max(1, int(np.ceil(ahead_s / length - 1e-9))),
-        )
+        folds = split_folds(names, windows, traces, share, max(1, int(np.ceil(ahead_s / length - 1e-9))))
         shortest = windows.samples < 2 * MIN_SAMPLES * len(windows)
         if folds.complete and (shortest or np.count_nonzero(~folds.confirm) >= FEWEST_WINDOWS):
             return windows, folds, length

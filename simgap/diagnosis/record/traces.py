@@ -11,11 +11,21 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from simgap.arrays import Ints
+from simgap.arrays import Bools, Ints
 from simgap.config.measured import MeasuredSection
 from simgap.diagnosis.record.channels import Channel, RawTable, convert, measured_columns
-from simgap.diagnosis.record.clock import Split, check_forward, check_interval, concerning, same_file, seconds, split
+from simgap.diagnosis.record.clock import (
+    Split,
+    check_forward,
+    check_interval,
+    concerning,
+    kept,
+    same_file,
+    seconds,
+    split,
+)
 from simgap.diagnosis.record.record import Record, Trace
+from simgap.diagnosis.thresholds import A_FEW
 from simgap.errors import UserError
 
 
@@ -84,8 +94,10 @@ def read_traces(
     traces: list[Trace] = []
     notes: list[FileNotes] = []
     origins: dict[str, tuple[str, str | None]] = {}
+    said: list[str] = []
     for table, name in zip(tables, names, strict=True):
-        own, note, labels = _file_traces(table, name, used, len(measured), section)
+        own, note, labels, lost = _file_traces(table, name, used, len(measured), section)
+        said += [f"{table.file}: {words}" for words in (*table.notes, *lost)]
         traces += own
         notes.append(note)
         origins |= {t.name: (table.file, label) for t, label in zip(own, labels, strict=True)}
@@ -93,11 +105,7 @@ def read_traces(
         raise _nothing_left(notes, section)
     record = Record(tuple(traces), measured, inputs)
     held = _held_out(origins, section, strict)
-    warnings = [
-        *(f"{t.file}: {note}" for t in tables for note in t.notes),
-        *_warnings(notes),
-        *_uncommon(tables, found, measured),
-    ]
+    warnings = [*said, *_warnings(notes), *_uncommon(tables, found, measured)]
     if not held and (section.held_out.files or section.held_out.traces):
         warnings.append(
             "the data held out by the case are not among these (or are all of them): a share of these is held out"
@@ -107,8 +115,8 @@ def read_traces(
 
 def _file_traces(
     table: RawTable, name: str, used: Sequence[Channel], k: int, section: MeasuredSection
-) -> tuple[list[Trace], FileNotes, list[str | None]]:
-    """Traces of one file; the first `k` of the used channels are states."""
+) -> tuple[list[Trace], FileNotes, list[str | None], list[str]]:
+    """Traces of one file, and what is told of its rows; the first `k` of the used channels are states."""
     if table.rows < 2:
         raise UserError("has one row", file=table.file, remedy="Give a recording that lasts at least one window.")
     converted = convert(table, used)
@@ -116,12 +124,15 @@ def _file_traces(
     traces: list[Trace] = []
     labels: list[str | None] = []
     parts: list[Split] = []
-    for label, rows in by_label(table):
+    groups = [(label, rows, concerning(section.masks, table.file, label)) for label, rows in by_label(table)]
+    empty = np.isnan([converted.values[c.name] for c in used])
+    said = list(_empty_cells(table.file, used, empty, [rows[kept(t[rows], masks)] for _, rows, masks in groups]))
+    for label, every, masks in groups:
+        rows = every[~empty[:, every].any(axis=0)]
         check_forward(t[rows], rows, table.file, label)
         check_interval(t[rows], section.window_s, section.time.unit or table.time_unit, table.file)
         block = np.stack([converted.values[c.name][rows] for c in used], axis=1)
         turns = {j: converted.turns[c.name] for j, c in enumerate(used) if c.name in converted.turns}
-        masks = concerning(section.masks, table.file, label)
         part = split(t[rows], block, turns, masks, section.time.gap_s, section.window_s)
         base = name if label is None else f"{name}:{label}"
         for i, (stamps, values) in enumerate(part.pieces):
@@ -143,20 +154,40 @@ def _file_traces(
         unwrapped=tuple(c.name for j, c in enumerate(used) if any(j in part.unwrapped for part in parts)),
         traces=tuple(trace.name for trace in traces),
     )
-    return traces, note, labels
+    return traces, note, labels, said
+
+
+def _empty_cells(file: str, used: Sequence[Channel], empty: Bools, traces: Sequence[Ints]) -> Iterator[str]:
+    """A note of the rows with an empty cell, which count as missing; empty: (channels, n), traces: rows of each.
+
+    Raises:
+        UserError: a trace has no other rows, or there are so many that columns may have been logged at different times.
+    """
+    every = np.sort(np.concatenate(traces))
+    for rows, most in ((every, A_FEW), *((own, 1.0 - 1.0 / max(len(own), 1)) for own in traces)):
+        lost = rows[empty[:, rows].any(axis=0)]
+        if len(lost) > most * len(rows):
+            c = used[int(np.argmax(empty[:, lost[0]]))]
+            raise UserError(
+                f"row {lost[0] + 1}, '{c.column}': the cell is empty; {len(lost):,} of {len(rows):,} rows "
+                f"{'of its trace ' if rows is not every else ''}have one", file=file, key=c.key,
+                remedy=f"At most {100 * A_FEW:g} % may: write all columns at common times, or mask such rows.",
+            )  # fmt: skip
+    if count := int(np.count_nonzero(empty[:, every].any(axis=0))):
+        verbs = ("has", "counts") if count == 1 else ("have", "count")
+        yield f"{_count(count, 'row')} {verbs[0]} an empty cell and {verbs[1]} as missing"
 
 
 def by_label(table: RawTable) -> Iterator[tuple[str | None, Ints]]:
-    """Rows of each trace of a file without an empty cell, traces in the order in which they first appear."""
-    whole = np.flatnonzero(table.whole)
+    """Rows of each trace of a file, traces in the order in which they first appear."""
     if table.labels is None:
-        yield None, whole
+        yield None, np.arange(table.rows)
         return
-    values, first, inverse = np.unique(table.labels[whole], return_index=True, return_inverse=True)
+    values, first, inverse = np.unique(table.labels, return_index=True, return_inverse=True)
     order = np.argsort(inverse, kind="stable")
     groups = np.split(order, np.cumsum(np.bincount(inverse))[:-1])
     for g in np.argsort(first):
-        yield str(values[g]), whole[groups[g]]
+        yield str(values[g]), groups[g]
 
 
 def _unique_names(files: Sequence[str]) -> list[str]:
@@ -192,9 +223,7 @@ def _held_out(origins: Mapping[str, tuple[str, str | None]], section: MeasuredSe
     for key, wanted in (("files", section.held_out.files), ("traces", section.held_out.traces)):
         for w in wanted:
             hits = {n for n, (f, label) in origins.items() if (same_file(w, f) if key == "files" else w in (label, n))}
-            if not hits and not strict:
-                continue
-            if not hits:
+            if strict and not hits:
                 raise UserError(
                     f"'{w}' is not among the data",
                     key=f"measured.held_out.{key}",

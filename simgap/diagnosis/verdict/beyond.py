@@ -39,10 +39,11 @@ def beyond(record: Record, spans: tuple[Span, ...], known: Problem, at: Fit, con
     further = np.zeros(len(slack), dtype=bool)
     for left in spans:
         trace, begin, end = record.traces[left[0]], left[1], _leaves(known, at, left)
+        around = _between(trace, begin - _SPAN, max(end, begin + _SPAN))
         for columns, values in (
             (slice(0, k), trace.y[_between(trace, begin, end)]),
             (slice(k, -k), trace.u[_between(trace, begin - reach, end)]),
-            (slice(-k, None), _rates(*_cut(trace, begin - _SPAN, max(end, begin + _SPAN)))),
+            (slice(-k, None), _rates(trace.t[around], trace.y[around])),
         ):
             further[columns] |= _outside(values, low[:, columns], high[:, columns])
     further[:k] |= further[-k:]
@@ -53,15 +54,10 @@ def _between(trace: Trace, begin: float, end: float) -> Bools:
     return np.asarray((trace.t >= begin) & (trace.t <= end))
 
 
-def _cut(trace: Trace, begin: float, end: float) -> tuple[Floats, Floats]:
-    rows = _between(trace, begin, end)
-    return trace.t[rows], trace.y[rows]
-
-
 def _ranges(problem: Problem, slack: Floats) -> tuple[Floats, Floats]:
     """Least and largest readings, inputs and rates of each piece of data (s, 2k + m), further apart by slack."""
-    rows, whole = [], joined(problem.windows)
-    for a, b in zip(whole.start.tolist(), whole.stop.tolist(), strict=True):
+    rows = []
+    for a, b, *_ in joined(problem.windows):
         rates = _rates(problem.t[a:b], problem.y[a:b])
         each = [*problem.y[a:b].T, *problem.u[a:b].T, *rates.T]
         rows.append([(np.min(c, initial=np.inf), np.max(c, initial=-np.inf)) for c in each])

@@ -165,16 +165,8 @@ def _bound(
         slow = fresh.speed[split.velocity] <= split.below
         inside = np.where(slow, np.all(fresh.residual <= split.slow, axis=1), inside)
     rms = dict(zip(names, np.sqrt(np.mean(plain[1] ** 2, axis=0)).tolist(), strict=True))
-    return _Bound(
-        by,
-        rms,
-        rest,
-        float(np.mean(inside)),
-        len(plain[1]),
-        fresh.count if split is None else split.pieces,
-        len(set(parts[1].trace)),
-        by_run,
-    )
+    count, runs = fresh.count if split is None else split.pieces, len(set(parts[1].trace))
+    return _Bound(by, rms, rest, float(np.mean(inside)), len(plain[1]), count, runs, by_run)
 
 
 def _least(by: Mapping[str, float], forces: Mapping[str, float]) -> dict[str, float]:

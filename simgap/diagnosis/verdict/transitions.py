@@ -266,9 +266,7 @@ def followed(
     for w in windows:
         begin = int(np.searchsorted(w.t, w.t[0] + since * (1 - 1e-9)))
         t = w.t[begin:] - w.t[min(begin, len(w.t) - 1)]
-        if len(t) < 2:
-            continue
-        steps = int(np.floor(t[-1] / tau * (1 + 1e-9)))
+        steps = int(np.floor(t[-1] / tau * (1 + 1e-9))) if len(t) > 1 else 0
         if steps < 1:
             continue
         at = tau * np.arange(steps + 1, dtype=np.float64)

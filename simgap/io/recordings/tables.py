@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import codecs
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -13,14 +12,14 @@ import numpy as np
 from simgap import reading
 from simgap.arrays import Floats
 from simgap.diagnosis.record.channels import RawTable, no_time_column
-from simgap.diagnosis.thresholds import A_FEW
 from simgap.errors import UserError, excerpt, placed
 from simgap.io.atomic import seal_holds
 from simgap.io.parquet import record_of
 from simgap.io.recordings.mcap_file import MAGIC, mcap_header, read_mcap
-from simgap.io.recordings.text_file import CsvLayout, csv_layout, json_cells, json_table, read_csv_columns
+from simgap.io.recordings.text_file import csv_layout, json_cells, json_table, read_csv_columns
 from simgap.late import pyarrow as pa
 from simgap.late import pyarrow_compute as pc
+from simgap.late import pyarrow_csv as pcsv
 from simgap.late import pyarrow_parquet as pq
 from simgap.reading import require_room, table_size
 
@@ -41,8 +40,7 @@ def read_recording(path: Path, wanted: Iterable[str], time: str, trace: str, nam
 
     Raises:
         UserError: for a file that is missing, empty, damaged or has no time column, for a cell that is not finite or
-            not a number (with its row, counted from 1 below the header or in the list of samples), for an empty stamp,
-            and where more than a few rows have an empty cell.
+            not a number (with its row, counted from 1 below the header or in the list of samples), for an empty stamp.
     """
     file = name or str(path)
     _refuse_no_file(path, file)
@@ -71,7 +69,7 @@ def read_recording(path: Path, wanted: Iterable[str], time: str, trace: str, nam
         units={c: unit for c in chosen if (unit := _unit(table.schema.field(c), file)) is not None},
         sha256=sha256,
     )
-    return _whole(_noting_empty(raw, word), path, file)
+    return _whole(raw, path, file)
 
 
 def kind_of(path: Path) -> Kind:
@@ -104,7 +102,8 @@ def _source(
     if kind == "parquet":
         return parquet_header(path, file), lambda columns: read_parquet_columns(path, columns, file), "column"
     layout = csv_layout(path, file)
-    return layout.header, lambda columns: _read_csv(path, layout, columns, time, labels, file), "column"
+    types = {c: pa.string() if c == labels else pa.float64() for c in wanted if c != time}
+    return layout.header, lambda columns: read_csv_columns(path, layout, columns, types, file), "column"
 
 
 def _whole(raw: RawTable, path: Path, file: str) -> RawTable:
@@ -143,11 +142,6 @@ def _refuse_no_file(path: Path, file: str) -> None:
         raise UserError("no such file", file=file, remedy=_GIVE)
 
 
-def _read_csv(path: Path, layout: CsvLayout, columns: list[str], time: str, labels: str | None, file: str) -> pa.Table:
-    types = {c: pa.string() if c == labels else pa.float64() for c in columns if c != time}
-    return read_csv_columns(path, layout, columns, types, file)
-
-
 def _stamps(column: Any, file: str, name: str) -> tuple[Any, str | None]:
     """Time stamps and the unit their type carries."""
     if pa.types.is_timestamp(column.type) or pa.types.is_duration(column.type):
@@ -160,35 +154,15 @@ def _stamps(column: Any, file: str, name: str) -> tuple[Any, str | None]:
     return _numbers(column, file, name, stamps=True), None
 
 
-def _noting_empty(raw: RawTable, word: str) -> RawTable:
-    """The table with a note of its rows with an empty cell: they count as rows that are missing.
-
-    Raises:
-        UserError: there are so many that the columns may have been logged at different times.
-    """
-    empty = np.flatnonzero(~raw.whole)
-    if empty.size == 0:
-        return raw
-    if empty.size > A_FEW * raw.rows:
-        column = next(name for name, values in raw.columns.items() if np.isnan(values[empty[0]]))
-        raise UserError(
-            f"row {empty[0] + 1}, {word} '{column}': the cell is empty; {empty.size:,} of {raw.rows:,} rows have one",
-            file=raw.file, remedy=f"At most {100 * A_FEW:g} % may. Write all columns at common times.",
-        )  # fmt: skip
-    rows = (
-        "1 row has an empty cell and counts" if empty.size == 1 else f"{empty.size} rows have an empty cell and count"
-    )
-    return replace(raw, notes=(*raw.notes, f"{rows} as missing"))
-
-
 def _numbers(column: Any, file: str, name: str, stamps: bool = False) -> Floats:
     """A column as finite float64, NaN where a cell that is no stamp is empty; the first other cell is named."""
-    if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
+    cells = column.type.value_type if pa.types.is_dictionary(column.type) else column.type
+    if pa.types.is_string(cells) or pa.types.is_large_string(cells):
         column = _from_text(column, file, name)
     if stamps:
         _no_nulls(column, file, name)
     try:
-        values = np.ascontiguousarray(column.cast(pa.float64()).to_numpy(), dtype=np.float64)
+        values = np.ascontiguousarray(column.cast(pa.float64()), dtype=np.float64)
     except pa.ArrowException:
         raise UserError(
             f"{name} holds {excerpt(column.type)}, not numbers", file=file, remedy="Write plain numbers."
@@ -200,12 +174,17 @@ def _numbers(column: Any, file: str, name: str, stamps: bool = False) -> Floats:
 
 
 def _from_text(column: Any, file: str, name: str) -> Any:
+    """Numbers that cells of text hold, null where one is blank or says so; a text that many repeat is kept once."""
+    coded = pc.dictionary_encode(column.combine_chunks())
+    cells = pc.utf8_trim_whitespace(coded.dictionary)
+    nothing = pc.is_in(cells, pa.array(pcsv.ConvertOptions().null_values, cells.type))
+    cells = pc.if_else(nothing, None, cells)
     try:
-        return pc.cast(pc.utf8_trim_whitespace(column), pa.float64())
+        return pc.take(pc.cast(cells, pa.float64()), coded.indices)
     except pa.ArrowException:
-        cells = column.to_pylist()
-        row = next((k for k, cell in enumerate(cells) if cell is None or not _is_number(cell)), 0)
-        raise _bad_cell(file, name, row, cells[row] or "") from None
+        bad = next(k for k, cell in enumerate(cells.to_pylist()) if cell is not None and not _is_number(cell))
+        row = pc.index(coded.indices, pa.scalar(bad, coded.indices.type)).as_py()
+        raise _bad_cell(file, name, row, cells[bad].as_py()) from None
 
 
 def _is_number(text: str) -> bool:
@@ -224,7 +203,7 @@ def _no_nulls(column: Any, file: str, name: str) -> None:
 
 
 def _bad_cell(file: str, name: str, row: int, cell: str) -> UserError:
-    what = f"'{cell[:40]}' is not a finite number" if cell else "the cell is empty or not a number"
+    what = f"'{cell[:40]}' is not a finite number" if cell else "the cell is empty"
     return UserError(
         f"row {row + 1}, {name}: {what}", file=file, remedy="Remove the row, or empty the cell if it is no stamp."
     )
