@@ -160,7 +160,7 @@ def test_under_known_conditions_the_better_one_is_proposed_and_said():
     assert np.all(advice.proposal.best.u[:, 1] == held[0])
     said = paragraph(asked, advice, {"u": "N", "x": "m"}, "input.csv")
     assert f"with m = {held[0]:g} kg" in said
-    assert "viscous friction at the rail and spring at the rail" in said
+    assert "(1) viscous friction at the rail; (2) spring at the rail" in said
     # the other condition would have told them less surely
     same, rivals = Wave("same", advice.proposal.best.wave), advice.known.rivals
     other = asked.bench(advice.known, next(c for c in asked.conditions if c != held), len(same.u))
