@@ -58,7 +58,8 @@ def main(arguments: list[str] | None = None) -> None:
         status = 1
     except _USAGE as error:
         command = " ".join(["simgap", *(own.info_name for own in [getattr(error, "ctx", None)] if own and own.parent)])
-        say(one_line(f"simgap: {error} ({command} --help lists what there is)"), err=True)
+        example = f", such as {command} robot.yaml" * str(error).startswith("Missing parameter: case")
+        say(one_line(f"simgap: {error}{example} ({command} --help lists what there is)"), err=True)
         status = 2
     except (typer.Abort, KeyboardInterrupt):
         say("simgap: interrupted", err=True)

@@ -123,6 +123,8 @@ def _show_checked(checked: Checked, case: Path) -> None:
         out.print(table)
     for what, cells in checked.cells.items():
         out.print(f"cells of the {what}: {', '.join(f'{name} {count}' for name, count in cells.items())}")
+    for line in checked.recordings:
+        out.print(f"recording {line}", soft_wrap=True, highlight=False)
     for finding in checked.findings:
         out.print(f"{finding.key}: {finding.problem}. {finding.remedy}", soft_wrap=True, highlight=False)
     if checked.compared and not checked.findings:

@@ -89,19 +89,28 @@ def _say(line: str) -> None:
     sys.stderr.write(f"{line}\n")
 
 
-def start(words: list[str]) -> None:
-    """Run Snakemake with these words."""
-    from snakemake.cli import get_argument_parser, main  # type: ignore[import-untyped]
+def misspelt(words: list[str]) -> str:
+    """Sentence about the first option that neither simgap nor Snakemake has; empty where each is known."""
+    from snakemake.cli import get_argument_parser  # type: ignore[import-untyped]
 
     register_progress()
     parser = get_argument_parser()
     unknown = [word for word in parser.parse_known_args(words)[1] if word.startswith("-")]
-    if unknown:
-        option = unknown[0].partition("=")[0]
-        near = difflib.get_close_matches(option, parser._option_string_actions, 1)
-        meant = f"Did you mean {near[0]}?" if near else "`snakemake --help` lists the options."
-        named = option.encode("unicode_escape").decode()
-        _say(f"simgap: {named[:80]}: neither simgap nor Snakemake has such an option. {meant}")
+    if not unknown:
+        return ""
+    option = unknown[0].partition("=")[0]
+    near = difflib.get_close_matches(option, parser._option_string_actions, 1)
+    meant = f"Did you mean {near[0]}?" if near else "`snakemake --help` lists the options."
+    named = option.encode("unicode_escape").decode()
+    return f"{named[:80]}: neither simgap nor Snakemake has such an option. {meant}"
+
+
+def start(words: list[str]) -> None:
+    """Run Snakemake with these words."""
+    from snakemake.cli import main
+
+    if told := misspelt(words):
+        _say(f"simgap: {told}")
         sys.exit(USAGE)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     main(words)

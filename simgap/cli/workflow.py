@@ -73,7 +73,8 @@ def run(
 
     files, options = split([*map(str, cases), *context.args])
     if not files:
-        raise UserError("no case is given", remedy="Name one or more case files, such as robot.yaml.")
+        told = start.misspelt(options) if options else ""
+        raise UserError("no case is given", remedy=f"{told} Name one or more case files, such as robot.yaml.".strip())
     loaded = [load_case(path) for path in files]
     for path, name in zip(files, (case.name for case in loaded), strict=True):
         if path.name != f"{name}.yaml":

@@ -7,7 +7,7 @@ Scalars follow YAML 1.2: `true` and `false` are the only booleans (`on` is a key
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar, get_args
@@ -228,8 +228,8 @@ def validated(model: type[M], content: Any, file: Path | str, folder: Path | Non
         return model.model_validate(content, context={"folder": folder})
     except ValidationError as error:
         found = [mistake for e in error.errors(include_url=False) for mistake in _unfolded(e, model)]
-        first = next((m for m in found if m.error["type"] == "extra_forbidden"), found[0])  # a typo leaves a gap
-        raise _user_error(first, len(found), file) from None
+        found.sort(key=lambda m: m.error["type"] != "extra_forbidden")  # a typo leaves a gap
+        raise _user_error(found, file) from None
 
 
 @dataclass(frozen=True)
@@ -240,6 +240,11 @@ class _Mistake:
     model: type[BaseModel]
     above: tuple[Any, ...] = ()
 
+    @property
+    def key(self) -> str:
+        """Where it stands in the file."""
+        return ".".join(str(part) for part in (*self.above, *self.error["loc"]))
+
 
 def _unfolded(error: Any, model: type[BaseModel]) -> list[_Mistake]:
     """The errors inside the section of a plug-in, instead of the one that stands for them."""
@@ -248,12 +253,12 @@ def _unfolded(error: Any, model: type[BaseModel]) -> list[_Mistake]:
     return [_Mistake(e, error["ctx"]["model"], error["loc"]) for e in error["ctx"]["errors"]]
 
 
-def _user_error(mistake: _Mistake, count: int, file: Path | str) -> UserError:
-    first = mistake.error
-    key = ".".join(str(part) for part in (*mistake.above, *first["loc"])) or None
+def _user_error(mistakes: Sequence[_Mistake], file: Path | str) -> UserError:
+    """The first mistake with its remedy; the keys of the others, so that one pass mends all."""
+    first, (key, *others) = mistakes[0].error, dict.fromkeys(m.key for m in mistakes)
     kind, problem, remedy = first["type"], str(first["msg"]), None
     if kind == "extra_forbidden":
-        problem, remedy = "unknown key", _suggestion(mistake.model, first["loc"])
+        problem, remedy = "unknown key", _suggestion(mistakes[0].model, first["loc"])
     elif kind == "missing":
         problem, remedy = "this key is missing", "Add it."
     elif kind == "value_error":
@@ -263,9 +268,9 @@ def _user_error(mistake: _Mistake, count: int, file: Path | str) -> UserError:
         remedy = "Use lower-case letters a to z, digits, - and _, beginning with a letter; `title` may hold anything."
     else:
         problem, remedy = _problem_and_remedy(first)
-    if count > 1:
-        remedy = f"{remedy or ''} ({count - 1} more after this one)".strip()
-    return UserError(problem, file=file, key=key, remedy=remedy)
+    if others:
+        remedy = f"{remedy or ''} Also wrong: {excerpt(', '.join(others), 400)}.".strip()
+    return UserError(problem, file=file, key=key or None, remedy=remedy)
 
 
 def _suggestion(top: type[BaseModel], loc: tuple[Any, ...]) -> str:

@@ -13,7 +13,7 @@ from simgap.diagnosis.record.conditions import conditioned
 from simgap.effects import EFFECTS
 from simgap.errors import Finding, UserError, nearest, placed
 from simgap.io.recordings.measured import channels_of, condition_channels
-from simgap.io.recordings.tables import kind_of, read_header
+from simgap.io.recordings.tables import kind_of, read_header, read_recording
 from simgap.model.symbolic import SymbolicModel
 from simgap.plants.context import Context
 from simgap.units import conversion
@@ -44,6 +44,32 @@ def check_measured(context: Context) -> None:
             for path in paths:
                 _refuse_columns(context, section, (*channels, *conditions), path)
             _refuse_other_files(section, [reading.relative(path, context.folder) for path in paths])
+
+
+def as_read(context: Context) -> list[str]:
+    """A line on each recording of a case: its rows (not of MCAP, which takes long), its columns with their units.
+
+    Raises:
+        UserError: a column of time stamps that a diagnosis would refuse.
+    """
+    section, model = context.case.measured, context.plant.declared
+    if section is None or not section.files:
+        return []
+    with context.blame():
+        paths = named_recordings(context.path, section.files)
+        channels = channels_of(model, section, str(context.path))
+        return [_as_read(path, reading.relative(path, context.folder), section, channels) for path in paths]
+
+
+def _as_read(path: Path, name: str, section: MeasuredSection, channels: Sequence[Channel]) -> str:
+    (header, units), time, told = read_header(path, name), section.time, f"{name}: "
+    if kind_of(path) != "mcap":
+        table = read_recording(path, [], time.column, section.trace_column, name)
+        told += f"{table.rows:,} rows; {time.column} in {time.unit or table.time_unit or 's'}, "
+    held = [(c, c.column_unit or units.get(c.column) or c.unit or "1") for c in channels if c.constant is None]
+    return told + ", ".join(
+        f"{c.name}{f' from {c.column}' * (c.column != c.name)} in {unit}" for c, unit in held if c.column in header
+    )
 
 
 def find_missing_coordinates(context: Context) -> list[Finding]:

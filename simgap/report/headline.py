@@ -10,7 +10,7 @@ import numpy as np
 
 from simgap.config.controller import Trials
 from simgap.gap.fitting.acceptance import Outside, clopper_pearson_upper
-from simgap.io.traces import BASELINE, EVERY_TITLE, GAP_AWARE, NOMINAL, SIMULATOR, shown
+from simgap.io.traces import BASELINE, EVERY_TITLE, GAP_AWARE, MODEL, NOMINAL, SIMULATOR, shown
 from simgap.notation import number, pretty_unit
 from simgap.report import adversary, tables
 from simgap.report.material import Material
@@ -43,6 +43,7 @@ def verdict(m: Material) -> dict[str, Any]:
         "nominal": f"Nominal-only controller: {_violations(nominal, steps)}.",
         "failure": failure(m),
         "cells_apart": cells_apart(m),
+        "on_model": on_model(m),
         "baseline": _baseline(m),
         "arrival": _arrival(m),
         "winning": f"The gap-aware controller wins {_won(m, GAP_AWARE)} of the {words.allowed} for every gap within "
@@ -59,7 +60,7 @@ def plain(m: Material) -> str:
     gap_aware, nominal = tallies[GAP_AWARE][SIMULATOR], tallies[NOMINAL][SIMULATOR]
     bad, runs = gap_aware["runs_that_violated_it"], gap_aware["runs"]
     checked = "" if specification_of(m.context.case).between_samples else f", checked every {m.context.domain.tau:g} s"
-    said = f"In {runs:,} simulated runs{checked}, the controller that knows the gap "
+    said = f"In {runs:,} simulated runs{_length(m)}{checked}, the controller that knows the gap "
     said += f"never {failed}. " if not bad else f"failed {bad:,} times. "
     if outside := gap_aware["steps_outside_gamma"]:
         said += f"But {outside:,} of {gap_aware['steps']:,} steps lay outside the bound of the gap. "
@@ -70,6 +71,13 @@ def plain(m: Material) -> str:
     return f"{said} An adversary found {found or 'no'} violation{'s' * (found > 1)} in {tried:,} attempts."
 
 
+def _length(m: Material) -> str:
+    """How long a run is, as words behind it: a promise may be for ever, no run is."""
+    tally, steps = m.validation["controllers"][GAP_AWARE][SIMULATOR], m.validation["steps"]
+    whole = tally["steps"] == tally["runs"] * steps
+    return f" of {'' if whole else 'at most '}{number(steps * m.context.domain.tau, 3)} s"
+
+
 def _trusting(tally: Mapping[str, Any], failed: str, tau: float) -> str:
     """Clause on how the nominal-only controller ended, after the words that name it."""
     bad, runs, median = tally["runs_that_violated_it"], tally["runs"], tally.get("median_steps_until_violation")
@@ -77,16 +85,21 @@ def _trusting(tally: Mapping[str, Any], failed: str, tau: float) -> str:
         return "promises nothing at any of these starts"
     if not bad:
         return f"did not fail in {runs:,} runs either, but nothing guarantees that"
-    what = "failed" if tally["ends"].get(STUCK) else failed
+    what = _ended(tally, failed)
     soon = f", half of the failures within {number(median * tau, 2)} s" if median and bad > 1 else ""
     return f"{what} in {bad:,} of {runs:,} runs{soon}"
+
+
+def _ended(tally: Mapping[str, Any], failed: str) -> str:
+    """What the runs of a controller did that broke the promise; one without an input is stopped before it leaves."""
+    return "failed" if tally["ends"].get(STUCK) else failed
 
 
 def tiles(m: Material) -> list[tuple[str, str]]:
     """Key figures: a value, and what it is."""
     tallies, words = m.validation["controllers"], specification_of(m.context.case).words
     found = [
-        (f"{t['runs_that_kept_the_specification']:,} of {t['runs']:,}", f"runs {words.kept}, {name}")
+        (f"{t['runs_that_violated_it']:,} of {t['runs']:,}", f"runs {_ended(t, words.failed)}, {name}")
         for t, name in ((tallies[k][SIMULATOR], EVERY_TITLE[k]) for k in (GAP_AWARE, BASELINE, NOMINAL) if k in tallies)
     ]
     if m.audit is not None:
@@ -174,6 +187,20 @@ def cells_apart(m: Material) -> str:
             "the gap that is certain to act there helps."
         )
     return said
+
+
+def on_model(m: Material) -> str:
+    """Why the gap-aware controller fails on the nominal model, where it does: that is not what it was made for."""
+    tally = m.validation["controllers"][GAP_AWARE].get(MODEL)
+    if tally is None or not tally["runs_that_violated_it"]:
+        return ""
+    own = getattr(m.context.case.simulator, "inertia", None) == "engine"
+    other = ", whose inertia the engine computes," * own
+    bad, runs = tally["runs_that_violated_it"], tally["runs"]
+    return (
+        f"The gap-aware controller is made for the simulator{other} and promises nothing about the nominal model. "
+        f"There, {bad:,} of {runs:,} runs fail: gamma excludes a gap of zero in places."
+    )
 
 
 def _cells(count: int) -> str:

@@ -7,7 +7,7 @@ file and how fast it steps.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -28,7 +28,7 @@ from simgap.lint.equations import (
     refuse_seams,
 )
 from simgap.lint.gap import find_jumps_at_rest, find_stuck_joints, refuse_basis, refuse_few_cells
-from simgap.lint.measured import check_measured, find_missing_coordinates
+from simgap.lint.measured import as_read, check_measured, find_missing_coordinates
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.stages import log
@@ -64,13 +64,14 @@ class Checked:
     Attributes:
         costs: of each stage; cells: of the grid of samples and of the controller, an axis each, by state.
         findings: what the engine makes of the model file in silence; compared: whether there is an engine that loads
-            one, and was asked.
+            one, and was asked. recordings: how each one is read, in a line.
     """
 
     costs: list[StageCost]
     cells: dict[str, dict[str, int]]
     findings: list[Finding]
     compared: bool
+    recordings: Sequence[str] = ()
 
 
 def run(
@@ -106,7 +107,8 @@ def run(
             found = costs(context, rollout, build=build, pair=pair_seconds(context), slower=slowness())
         affordable(context, found)
         of_numbers = run_checks(OF_NUMBERS, context)
-    result = Checked(found, _cells(context), [*(findings or []), *of_angles, *of_numbers], findings is not None)
+    every = [*(findings or []), *of_angles, *of_numbers]
+    result = Checked(found, _cells(context), every, findings is not None, as_read(context))
     for finding in result.findings:
         log.warning("%s: %s. %s", finding.key, finding.problem, finding.remedy)
     if out is not None:

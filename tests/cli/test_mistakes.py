@@ -124,3 +124,11 @@ def test_a_wrong_value_is_told_in_words(vary, capsys, key, value, words):
 def test_a_run_without_a_case_is_one_line(bench, capsys, monkeypatch):
     monkeypatch.chdir(bench)
     assert "no case is given" in line_of(capsys, "run", "--dry-run")
+    assert "Did you mean --cores? Name one or more case files" in line_of(capsys, "run", "--coers", "2")
+    assert "Missing parameter: case, such as simgap diagnose robot.yaml" in line_of(capsys, "diagnose")
+
+
+def test_every_misspelt_key_is_named(tmp_path, capsys):
+    path = tmp_path / "a.yaml"
+    path.write_text("name: a\nplnat: {}\ngrdi: {}\nplant: {urdf: a.urdf, stats: {}, inputs: {}}\n")
+    assert "Also wrong: plnat, grdi, plant.states." in line_of(capsys, "check", str(path))

@@ -77,7 +77,9 @@ WRONG = [
 
 
 def test_a_section_that_is_right_passes(ball):
-    assert check.run(ball()).costs == []
+    checked = check.run(ball())
+    assert checked.costs == []
+    assert checked.recordings == ["run.csv: 500 rows; t_ms in ms, x from ball in mm, a from servo in deg"]
 
 
 @pytest.mark.parametrize(

@@ -69,9 +69,7 @@ def page(folder):
 
 def test_the_verdict_is_the_counts(pendulum):
     text = page(pendulum[0]).text
-    assert (
-        "In 2 simulated runs, checked every 0.005 s, the controller that knows the gap never left the safe set." in text
-    )
+    assert "In 2 simulated runs of 0.2 s, checked every 0.005 s, the controller that knows the gap never left" in text
     assert re.search(
         r"The controller that trusts the model left the safe set in 2 of 2 runs, half of the failures within [\d.]+ s",
         text,
@@ -79,6 +77,7 @@ def test_the_verdict_is_the_counts(pendulum):
     assert "Gap-aware controller: 2 of 2 runs safe, 0 of 80 steps outside gamma." in text
     assert "Nominal-only controller: 2 of 2 runs violate the specification in the simulator" in text
     assert "promise kept" in text
+    assert "2 of 2 runs left the safe set" in text  # a tile counts as the sentence does
 
 
 def test_the_page_needs_nothing_else(pendulum, robot):

@@ -11,7 +11,7 @@ from simgap.config.controller import ValidationSection
 from simgap.gap.bounds.function import PROVEN
 from simgap.gap.fitting.dimension_fit import deterministic_tier
 from simgap.geometry import Box, Grid
-from simgap.io.traces import Trace
+from simgap.io.traces import MODEL, Trace
 from simgap.notation import interval, powers
 from simgap.report import arm_document, headline, tables
 from simgap.report.content import unproven
@@ -147,6 +147,21 @@ def test_the_ends_of_an_interval_differ_in_print(ends, said):
 
 def test_powers_of_ten_in_a_text_are_those_of_tables():
     assert powers("q: 7.25e-05, 0.0003 and 1e-08; 3 cells") == "q: 7.25·10⁻⁵, 0.0003 and 10⁻⁸; 3 cells"
+
+
+def test_why_the_gap_aware_controller_may_fail_on_the_nominal_model():
+    """A page said safe in 300 of 300, and further down 300 of 300 failures without a word."""
+
+    def said(bad: int) -> str:
+        tallies = {"gap": {MODEL: {"runs_that_violated_it": bad, "runs": 300}}}
+        case = SimpleNamespace(simulator=SimpleNamespace(inertia="engine"))
+        return headline.on_model(
+            SimpleNamespace(validation={"controllers": tallies}, context=SimpleNamespace(case=case))
+        )
+
+    assert "whose inertia the engine computes" in said(300)
+    assert "There, 300 of 300 runs fail" in said(300)
+    assert said(0) == ""
 
 
 def _apart(aware: str, nominal: str, end: float = 1.7, gap: float = 0.5) -> SimpleNamespace:

@@ -238,7 +238,7 @@ def _statement(
         )
     several = "independent pieces" if own.pieces > 1 else "independent piece"
     pieces = (
-        "runs, one piece each because they differ" if own.by_run else f"{several} as long as what is left remembers"
+        "runs, one piece each because they differ" if own.by_run else f"{several}, each as long as errors correlate"
     )
     of = f"one of a further {'run' if own.by_run else 'piece'} that is"
     one = " They are of one run: how another differs is not known." if own.runs == 1 else ""
