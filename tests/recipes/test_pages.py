@@ -136,15 +136,25 @@ def test_known_weaknesses_are_those_of_the_study(root):
 
     peaks = [r for r in records if r["study"] == "alike: small Stribeck peak"]
     missed = [r for r in peaks if not r["exact"]]
-    weak = [r for r in hidden("input_delay") if r["verdict"] == "partial" and r not in hidden("spring")]
-    wrong = [r for r in hidden("input_delay") if r["verdict"] == "attributed" and not r["exact"]]
+    weak = [r for r in hidden("input_delay") if r["verdict"] == "partial"]
+    springs = [r for r in hidden("spring") if r["verdict"] != "attributed"]
+    small = [r for r in records if r["verdict"] == "none" and r["truth"]]
+    parts = [r for r in records if r["verdict"] == "attributed" and not r["exact"]]
+    peak, lag = ([r for r in parts if r["answer"] == [[name, on]]] for name, on in (
+        ("coulomb_friction", "hinge"), ("input_lag", "torque")))  # fmt: skip
+    assert all("stribeck_friction" in {n for n, _ in r["truth"]} for r in peak)
+    assert all({n for n, _ in r["truth"]} == {"input_delay", "input_lag"} for r in lag)
     assert f"named in {len(peaks) - len(missed)} of {len(peaks)} records" in text
     assert f"and {sum(r['listed'] for r in missed)} of these list the peak" in text
-    weak_springs = [r for r in hidden("spring") if r["verdict"] != "attributed"]
-    assert [len(weak), len(wrong), len(weak_springs)] == [8, 1, 9]
-    for words in ("Eight delays are `partial`", "one lag is `attributed`", "Nine records hide a spring"):
+    assert [len(weak), len(springs), len(small)] == [4, 6, 3]
+    for words in ("Four delays are `partial`", "Six records hide a spring", "Three effects are too small"):
         assert words in text, words
-    assert f"the only attribution to an absent cause in these {len(records)} records" in text
+    assert len(peak) + len(lag) == len(parts)
+    assert f"in {len(parts)} `attributed` answers of these {len(records)} records" in text
+    assert f"Stribeck peak ({len(peak)}, " in text
+    assert f"a lag with a delay ({len(lag)})" in text
+    covered = [c for r in records for c in r["covered"]]
+    assert f"{100 * sum(covered) / len(covered):.1f} % of the 95 % intervals" in text
 
 
 def test_the_tutorial_quotes_its_run(root):
