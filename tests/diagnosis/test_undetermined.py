@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from simgap.diagnosis.search.confidence import undetermined
+from simgap.diagnosis.verdict.judge import _variances
+from simgap.effects.base import Scales
 from simgap.effects.forces import Cogging
 from simgap.effects.friction import CoulombFriction, DahlFriction, StribeckFriction
 
@@ -29,3 +31,17 @@ def test_what_looks_like_another_force_wherever_the_record_was_is_doubted(effect
     why = effect.doubt(values, (-1.5, 1.5))
     assert unsure in why
     assert bool(why) == bool(unsure)
+
+
+@pytest.mark.parametrize(("places", "fewest"), [((0.0, 0.0), 2), ((-0.03, 0.72), 9), ((-4.0, 4.0), 2)])
+def test_a_ripple_is_sought_from_one_period_on(places, fewest):
+    starts = Cogging().starts(Scales(0.01, places=places))
+    assert [start.point([1.0, 0.0])["n"] for start in starts] == list(range(fewest, 17))
+
+
+def test_what_a_half_of_the_data_does_not_show_has_no_bound():
+    seen = np.array([[4.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 9.0]])
+    assert _variances(seen) == pytest.approx([4.0, np.inf, 9.0])
+    together = np.linalg.pinv(np.array([[1.0, 2.0], [2.0, 4.0]]))  # two coefficients of which one sum is seen
+    assert np.all(np.isinf(_variances(together)))
+    assert _variances(np.diag([1.0, 4.0])) == pytest.approx([1.0, 4.0])
