@@ -13,7 +13,7 @@ from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.equivalence import rivals
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
-from simgap.diagnosis.search.selection import by_place, on_all
+from simgap.diagnosis.search.selection import by_place, fitted_here
 from simgap.diagnosis.seek import Searched, looked_again
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
@@ -70,7 +70,7 @@ def chosen(
     known, (search, sparse, found) = parts.known, ends
     full = search if search.problem is known else Search(known, search.starts)
     base = sparse if full is search else fit(known, known.model.null, initial_states(known), [], {})
-    kept = on_all(full, search, found, base)
+    kept = found if full is search else fitted_here(full, base, found)
     at_floor = chi2_dof(known, kept.fit) <= FIT_QUALITY
     agree, carried = True, None
     if found.members and not at_floor:
@@ -85,5 +85,5 @@ def chosen(
             search, found = carried.search, carried.chosen
             same = [r.explanation for r in rivals(search, found) if r.exact]
             found = min((found, *same), key=by_place)
-            kept = on_all(full, search, found, base)
+            kept = found if full.problem is search.problem else fitted_here(full, base, found)
     return Chosen(search, sparse, found, real(full, kept, at_floor), full, base, carried, at_floor, agree, not_tried)

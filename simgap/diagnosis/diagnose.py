@@ -146,10 +146,7 @@ def _sought(model: SymbolicModel, record: Record, settings: DiagnosisSettings, w
         whole, parts = parts, parts.past_the_unknown(reach).changed(lambda p: p.before_the_end(late))
         if parts.known.windows.samples < (1.0 - MATTERS) * whole.known.windows.samples:
             said = (*said, _UNKNOWN_PAST.format(reach))
-        if watch.stopped:
-            ends = seek.fitted_again(parts.known, search, found, not_tried)
-        else:
-            ends = seek.searched(parts.known, most, not_tried, watch, (found, chi2_dof(search.problem, found.fit)))
+        ends = seek.searched(parts.known, most, not_tried, watch, (found, chi2_dof(search.problem, found.fit)))
     filtered = () if watch.stopped else tuple(filtered_channels(ends[0], ends[2]))
     if filtered:
         heard = (~np.isin(record.measured, [f.channel for f in filtered])).astype(np.float64)

@@ -17,7 +17,7 @@ from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.noise_colour import noise_colour
 from simgap.diagnosis.search.scoring import list_starts
-from simgap.diagnosis.search.selection import best_so_far, carried_over, grow, on_all, preferred, select
+from simgap.diagnosis.search.selection import best_so_far, carried_over, fitted_here, grow, preferred, select
 from simgap.diagnosis.search.watch import Stopped, Watch
 from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.colour import Colour
@@ -68,8 +68,8 @@ def searched(
 ) -> Searched:  # fmt: skip
     """A search on the problem, the model as declared, and what explains it best; begun from what is `known`.
 
-    What is known comes with its chi^2/dof where it was found. A search that is stopped ends with its best so far; one
-    that was begun `before` goes on.
+    What is known comes with its chi^2/dof where it was found. A search that is stopped ends with its best so far, what
+    was known among it; one that was begun `before` goes on.
     """
     search, base = before or begun(problem, not_tried, watch)
 
@@ -79,7 +79,11 @@ def searched(
             return search, base, found
         return ended(search, base, found, most)
 
-    return looked_again(watch, look) or (search, base, best_so_far(search, base, most))
+    if (ends := looked_again(watch, look)) is not None:
+        return ends
+    if known is not None:
+        fitted_here(search, base, known[0])
+    return search, base, best_so_far(search, base, most)
 
 
 def on_its_step(parts: Parts, ends: Searched, most: int, not_tried: Collection[Key]) -> tuple[Parts, Searched]:
@@ -107,12 +111,6 @@ def acts_later(search: Search, found: Explanation) -> bool:
     """Whether commands from outside the record act on it under what was found, and not as declared."""
     problem, null = search.problem, search.problem.model.null
     return problem.ahead(found.fit.theta) > 0.0 or problem.reach(found.fit.theta) > problem.reach(null)
-
-
-def fitted_again(problem: Problem, search: Search, found: Explanation, not_tried: Collection[Key]) -> Searched:
-    """What a search found before it was stopped, fitted on another problem; nothing else is tried there."""
-    again, base = begun(problem, not_tried, search.watch)
-    return again, base, on_all(again, search, found, base)
 
 
 def explained_by_one(search: Search, base: Fit) -> bool:
@@ -195,7 +193,7 @@ def under_its_noise(
     size, colour = noise  # its standard deviation over that of before
     louder = parts.changed(lambda p: replace(p, sigma=p.sigma * size, colour=colour))
     again = searched(louder.known, most, not_tried, search.watch)
-    if chi2_dof(again[0].problem, again[2].fit) > FIT_QUALITY:  # it was not the noise that was missing
+    if search.watch.stopped or chi2_dof(again[0].problem, again[2].fit) > FIT_QUALITY:  # the noise was not what lacked
         return None
     limit = min(most, LEAPS_ANYHOW)
     full = len(found.members) >= limit  # all that it takes anyhow bends to anything, and a little memory to the rest

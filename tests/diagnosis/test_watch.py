@@ -170,16 +170,30 @@ def test_masking_is_searched_anew_only_if_it_tells_more(monkeypatch, extra, befo
 def test_what_is_masked_after_the_end_is_fitted_and_not_searched(monkeypatch):
     """A delay masks what was commanded before the record; a search that has ended does not begin anew for that."""
     begun = []
-    searched = seek.searched
+    select = selection.select
 
-    def once(*given, **more):
+    def once(*given):
         begun.append(1)
-        return _ended(searched(*given, **more), given[3])
+        return _ended(select(*given), given[0].watch)
 
-    monkeypatch.setattr(seek, "searched", once)
+    for module in (seek, selection):
+        monkeypatch.setattr(module, "select", once)
     d = diagnose(block(), _record(late=LATE), DiagnosisSettings(effects=("input_delay",)))
     assert len(begun) == 1
     assert "stopped for a test" in d.stopped
+
+
+def test_what_was_found_outlives_a_stop_in_the_search_after_it(monkeypatch):
+    """Commands of before the record are masked once a delay is found: a stop in that search leaves the delay."""
+
+    def stopped(search, *rest):
+        _ended(None, search.watch)
+        raise watching.Stopped
+
+    monkeypatch.setattr(seek, "carried_over", stopped)
+    d = diagnose(block(), _record(late=LATE), DiagnosisSettings(effects=("input_delay",)))
+    assert "stopped for a test" in d.stopped
+    assert [e.name for e in d.effects] == ["input_delay"]
 
 
 def _ended(found, watch):

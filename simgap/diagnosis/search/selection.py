@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
+from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.explanations import SAME, Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.leaps import leap, merge, swap
@@ -143,20 +144,16 @@ def carried_over(search: Search, base: Fit, found: Explanation, reduced: float, 
         search: a new search on these windows; base: the model as declared, fitted here.
         found: what another search chose, and `reduced`, its chi^2/dof there; most: largest number of effects.
     """
-    null, kept = search.problem.model.null, {k: float(found.fit.theta[k]) for c in found.members for k in c.slots}
-    theta = with_values(null, kept)
-    start = fit(search.problem, theta, base.x0, [], {})
-    here = _prune(search, search.explain(found.members, theta, start))
-    free = search.problem.size - search.problem.taken - len(here.fit.slots)
-    now = here.fit.chi2 / max(free, 1)
+    here = fitted_here(search, base, found)
+    now = chi2_dof(search.problem, here.fit)
     return here if now <= FIT_QUALITY or now > MOST * reduced else select(search, base, most)
 
 
-def on_all(full: Search, search: Search, found: Explanation, base: Fit) -> Explanation:
-    """What a search on fewer samples found, fitted on all of them; effects that are worth nothing there are dropped."""
-    if full.problem is search.problem:
-        return found
+def fitted_here(search: Search, base: Fit, found: Explanation) -> Explanation:
+    """What another search found, fitted to the data of this one; effects that are worth nothing here are dropped."""
     if not found.members:
-        return full.empty(base)
-    start = fit(full.problem, found.fit.theta, base.x0, [], {})
-    return _prune(full, full.explain(found.members, found.fit.theta, start))
+        return search.empty(base)
+    kept = {k: float(found.fit.theta[k]) for c in found.members for k in c.slots}
+    theta = with_values(search.problem.model.null, kept)
+    start = fit(search.problem, theta, base.x0, [], {})
+    return _prune(search, search.explain(found.members, theta, start))
