@@ -11,6 +11,7 @@ from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.search.scoring import barred
+from simgap.effects import EFFECTS
 from simgap.errors import UserError
 from simgap.plants.plant_model import PlantModel
 from simgap.stages.check import run as check
@@ -60,3 +61,12 @@ def test_no_rotor_is_blamed_where_nothing_is_commanded():
     assert barred(model, still, ()) == {("reflected_inertia", "slide"): "nothing drives the plant"}
     assert barred(model, moved, ()) == {}
     assert barred(model, still, ("reflected_inertia",)) == {}
+
+
+@pytest.mark.parametrize(("measured", "speed", "turns"), [("v", 2.0, True), ("v", 0.2, False), ("q", 2.0, True)])
+def test_a_joint_that_turns_has_no_spring_whether_its_angle_or_its_speed_is_read(measured, speed, turns):
+    model = PlantModel.of(parse_case(yaml.safe_load(example.CASE), Path("bench.yaml")), Path()).corrected
+    t = np.arange(1000) / 100.0
+    y = np.full(t.size, speed) if measured == "v" else speed * t
+    out = barred(model, Record((Trace("run", t, y[:, None], np.ones((t.size, 1))),), (measured,), ("u",)), ())
+    assert {name for name, _ in out} == ({e.name for e in EFFECTS.values() if e.pulls_to_a_place} if turns else set())
