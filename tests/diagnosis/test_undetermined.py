@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from simgap.diagnosis.search.confidence import undetermined
+from simgap.diagnosis.verdict import judge, transfer
 from simgap.diagnosis.verdict.judge import _variances
 from simgap.effects.base import Scales
 from simgap.effects.forces import Cogging
@@ -45,3 +46,22 @@ def test_what_a_half_of_the_data_does_not_show_has_no_bound():
     together = np.linalg.pinv(np.array([[1.0, 2.0], [2.0, 4.0]]))  # two coefficients of which one sum is seen
     assert np.all(np.isinf(_variances(together)))
     assert _variances(np.diag([1.0, 4.0])) == pytest.approx([1.0, 4.0])
+
+
+@pytest.mark.parametrize(("worse_by", "left"), [(2.0, "coulomb_friction"), (500.0, "stribeck_friction")])
+def test_a_finer_effect_of_a_loose_number_goes_only_where_the_coarser_one_is_as_good(monkeypatch, worse_by, left):
+    fine = SimpleNamespace(effect=StribeckFriction(), slots=(0, 1, 2))
+    plain = SimpleNamespace(effect=CoulombFriction(), slots=(3,))
+    found = SimpleNamespace(members=(fine,), bic=100.0)
+    coarse = SimpleNamespace(members=(plain,), bic=100.0 + worse_by)
+    monkeypatch.setattr(judge, "vanished", lambda *_: [])
+    monkeypatch.setattr(judge, "_loose", lambda search, e, at_floor: [c for c in e.members if c is fine])
+    kept = judge.real(SimpleNamespace(coarser=lambda e, c: coarse), found, False)
+    assert [c.effect.name for c in kept.members] == [left]
+
+
+def test_off_the_noise_a_set_that_may_be_something_else_is_set_aside(monkeypatch):
+    sets = [SimpleNamespace(physical=True, members=(name,), bic=bic) for name, bic in (("ripple", 1.0), ("drag", 2.0))]
+    monkeypatch.setattr(transfer, "doubted", lambda problem, e: ("half a period",) if e.members == ("ripple",) else ())
+    search = SimpleNamespace(tried=dict(enumerate(sets)), problem=None)
+    assert [e.members for e in transfer._best(search, 1, 5)] == [("drag",)]
