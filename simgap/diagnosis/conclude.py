@@ -248,13 +248,8 @@ def _with(search: Search, here: Explanation, member: Candidate, answer: Explanat
 
 def _tried(search: Search, here: Explanation) -> dict[Key, Explanation]:
     """What was fitted with one effect more, physical fits alone, the best fit of each."""
-    found: dict[Key, Explanation] = {}
-    for e in search.tried.values():
-        if e.physical and len(e.members) == len(here.members) + 1 and here.keys < e.keys:
-            (key,) = e.keys - here.keys
-            if key not in found or e.fit.chi2 < found[key].fit.chi2:
-                found[key] = e
-    return found
+    more = sorted(search.sound(len(here.members) + 1), key=lambda e: -e.fit.chi2)
+    return {next(iter(e.keys - here.keys)): e for e in more if here.keys < e.keys}
 
 
 def _options(

@@ -110,7 +110,7 @@ class Tiers:
                 most_here = min(most, max(LEAPS_ANYHOW, len(found.members)))
                 for e in sorted(options, key=lambda e: e.bic)[:NARROW]:
                     grow(search, preferred(search, e, most_here) if len(e.members) >= most_here else e, most_here)
-                new = [e for e in search.tried.values() if e.physical and len(e.members) <= most_here]
+                new = [e for e in search.sound() if len(e.members) <= most_here]
                 fine = [e for e in new if math.isfinite(e.bic) and any(c.effect.second for c in e.members)]
                 best = preferred(search, min(fine, key=lambda e: e.bic), most_here) if fine else known
             else:

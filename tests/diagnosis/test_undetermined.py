@@ -63,5 +63,5 @@ def test_a_finer_effect_of_a_loose_number_goes_only_where_the_coarser_one_is_as_
 def test_off_the_noise_a_set_that_may_be_something_else_is_set_aside(monkeypatch):
     sets = [SimpleNamespace(physical=True, members=(name,), bic=bic) for name, bic in (("ripple", 1.0), ("drag", 2.0))]
     monkeypatch.setattr(transfer, "doubted", lambda problem, e: ("half a period",) if e.members == ("ripple",) else ())
-    search = SimpleNamespace(tried=dict(enumerate(sets)), problem=None)
+    search = SimpleNamespace(sound=lambda size: sets, problem=None)
     assert [e.members for e in transfer._best(search, 1, 5)] == [("drag",)]

@@ -82,12 +82,8 @@ def as_good(search: Search, chosen: Explanation) -> list[Rival]:
 
     Larger ones fit better off the noise floor, whatever is missing, and did not carry over.
     """
-    close = [
-        e for e in search.tried.values()
-        if e.physical and e.members and e.keys != chosen.keys and e.count <= chosen.count
-        and e.bic <= chosen.bic + AS_GOOD
-    ]  # fmt: skip
-    return [Rival(e, False) for e in sorted(close, key=lambda e: e.bic)]
+    small = [e for e in search.sound() if e.keys != chosen.keys and e.count <= chosen.count]
+    return [Rival(e, False) for e in small if e.bic <= chosen.bic + AS_GOOD]
 
 
 def once(listed: Iterable[Rival]) -> list[Rival]:
@@ -96,10 +92,7 @@ def once(listed: Iterable[Rival]) -> list[Rival]:
 
 
 def _listed(search: Search, chosen: Explanation, spanned: set[Key]) -> list[Rival]:
-    close = [
-        e for e in search.tried.values()
-        if e.physical and e.members and e.keys != chosen.keys and e.bic < chosen.bic + BIC_GAIN
-    ]  # fmt: skip
+    close = [e for e in search.sound() if e.keys != chosen.keys and e.bic < chosen.bic + BIC_GAIN]
     close.sort(key=lambda e: (e.count, e.bic))
     kept: list[Explanation] = [chosen]
     found = []

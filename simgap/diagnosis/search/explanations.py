@@ -178,6 +178,11 @@ class Search:
                 self.watch.step(self._best())
         return self.tried[key]
 
+    def sound(self, size: int | None = None) -> list[Explanation]:
+        """Physical sets that were fitted, of so many effects or of one at least, lowest BIC first."""
+        own = [e for e in self.tried.values() if e.physical and (len(e.members) == size if size else e.members)]
+        return sorted(own, key=lambda e: e.bic)
+
     def _best(self) -> str:
         """The best answer so far, in words."""
         sound = [e for e in self.tried.values() if e.physical]

@@ -178,11 +178,7 @@ def _pays(search: Search, size: int, most: int) -> bool:
 
 def _best(search: Search, size: int, most: int) -> list[Explanation]:
     """The best physical sets of one size, those aside that refine another."""
-    same = [
-        e for e in search.tried.values()
-        if e.physical and len(e.members) == size and all(c.effect.contains is None for c in e.members)
-    ]  # fmt: skip
-    return sorted(same, key=lambda e: e.bic)[:most]
+    return [e for e in search.sound(size) if all(c.effect.contains is None for c in e.members)][:most]
 
 
 def _sources(search: Search, base: Fit, size: int) -> list[Explanation]:

@@ -84,7 +84,7 @@ def _leapt(search: Search, base: Fit, most: int) -> Explanation:
 def preferred(search: Search, found: Explanation, most: int) -> Explanation:
     """The best of all that was tried, the simpler of near-ties, without effects that are worth too little."""
     if len(found.members) > 2:  # one of its equals may hold an effect that is worth nothing
-        equals = [e for e in search.tried.values() if e.physical and abs(e.bic - found.bic) < SAME]
+        equals = [e for e in search.sound() if abs(e.bic - found.bic) < SAME]
         for e in equals[:WIDTH]:
             _prune(search, e)
     best = _best(search, most)
@@ -93,7 +93,7 @@ def preferred(search: Search, found: Explanation, most: int) -> Explanation:
 
 def _best(search: Search, most: int) -> Explanation | None:
     """The best of all that was tried."""
-    return choose(e for e in search.tried.values() if e.physical and 0 < len(e.members) <= most)
+    return choose(e for e in search.sound() if len(e.members) <= most)
 
 
 def grow(search: Search, current: Explanation, most: int) -> Explanation:
@@ -123,7 +123,7 @@ def _swap(search: Search, current: Explanation) -> Explanation:
     for _ in range(WIDTH if len(current.members) > 1 else 0):
         swap(search, current)
         rest = [current.keys - {c.key} for c in current.members]
-        same = [e for e in search.tried.values() if e.physical and len(e.keys) == len(current.keys)]
+        same = search.sound(len(current.members))
         option = choose([current, *(e for e in same if any(kept < e.keys for kept in rest))])
         if option is None or option.keys == current.keys:
             return current

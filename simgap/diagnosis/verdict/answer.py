@@ -77,12 +77,8 @@ _NOT_PHYSICAL = "its best fit is unphysical or zero"
 def candidate_scores(search: Search, empty: Explanation, barred: Mapping[Key, str]) -> tuple[CandidateScore, ...]:
     """Every candidate beside the model as declared, the most promising first; `barred`: why some were not tried."""
     promised = {s.candidate.key: s.drop for s in search.ranked(empty)}
-    alone: dict[Key, Explanation] = {}
-    for single in search.tried.values():
-        if len(single.members) == 1:
-            key = single.members[0].key
-            if key not in alone or single.bic < alone[key].bic:
-                alone[key] = single
+    singles = sorted((e for e in search.tried.values() if len(e.members) == 1), key=lambda e: -e.bic)
+    alone = {e.members[0].key: e for e in singles}
     rows = []
     for c in search.problem.model.candidates:
         e: Explanation | None = alone.get(c.key)

@@ -73,8 +73,7 @@ def rescaled(search: Search, best: Explanation) -> Search:
 
 def _best(search: Search, size: int, most: int) -> list[Explanation]:
     """The best physical sets of one size by BIC, those aside that look like something else wherever the record was."""
-    same = [e for e in search.tried.values() if e.physical and len(e.members) == size]
-    return sorted((e for e in same if not doubted(search.problem, e)), key=lambda e: e.bic)[:most]
+    return [e for e in search.sound(size) if not doubted(search.problem, e)][:most]
 
 
 def _takes_most(search: Search, e: Explanation) -> bool:
