@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
+from simgap.correction.transitions import seen, transitions, within
 from simgap.diagnosis.result import WindowPrediction
-from simgap.diagnosis.verdict.transitions import seen, transitions, within
 from simgap.gap.bounds.function import GapFunction
 from simgap.gap.fitting.acceptance import covering_remainder
 from simgap.io.gap_file import load_gap

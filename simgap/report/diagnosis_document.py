@@ -9,6 +9,7 @@ from typing import Any
 
 from pydantic_core import to_jsonable_python
 
+from simgap.correction.remainder import Remainder, RemainderUse
 from simgap.diagnosis.record.survey import Survey
 from simgap.diagnosis.record.traces import Reading
 from simgap.diagnosis.result import (
@@ -22,7 +23,6 @@ from simgap.diagnosis.result import (
     Nearest,
     Stretches,
 )
-from simgap.diagnosis.verdict.remainder import Remainder, RemainderUse
 from simgap.diagnosis.verdict.words import verdict_parts
 
 NUMBER_FROM = {

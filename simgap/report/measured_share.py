@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.correction.transitions import seen, transitions
 from simgap.diagnosis.result import WindowPrediction
-from simgap.diagnosis.verdict.transitions import seen, transitions
 from simgap.gap.bounds.function import GapFunction
 from simgap.io.parquet import stack
 from simgap.model.sampled import NominalModel

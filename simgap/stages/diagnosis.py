@@ -13,9 +13,10 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.config.function_file import plugin_copies
 from simgap.config.measured import MeasuredSection, matching_files, named_recordings
+from simgap.correction.corrected_case import acted_out, corrected_case, measured_out
+from simgap.correction.remainder import bound_remainder, use_of
 from simgap.diagnosis.arms.diagnose import ArmSettings, diagnose_arm
 from simgap.diagnosis.arms.problem import TERMS, Payload
-from simgap.diagnosis.corrected_case import acted_out, corrected_case, measured_out
 from simgap.diagnosis.diagnose import diagnose_mended
 from simgap.diagnosis.record.clock import same_file
 from simgap.diagnosis.record.conditions import conditioned, under_conditions
@@ -25,7 +26,6 @@ from simgap.diagnosis.record.traces import Reading
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
 from simgap.diagnosis.search.watch import answered
 from simgap.diagnosis.verdict.missing import Missing, missing_terms
-from simgap.diagnosis.verdict.remainder import bound_remainder, use_of
 from simgap.effects import apply_effects, effect
 from simgap.errors import UserError
 from simgap.io.atomic import atomic, write_text

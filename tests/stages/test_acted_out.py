@@ -9,11 +9,11 @@ import pytest
 
 from simgap.config.load import load_case
 from simgap.config.measured import MeasuredSection
-from simgap.diagnosis import corrected_case as acted_out
-from simgap.diagnosis.corrected_case import ActedOut
+from simgap.correction import corrected_case as acted_out
+from simgap.correction.corrected_case import ActedOut
+from simgap.correction.transitions import followed, stray
 from simgap.diagnosis.record.survey import survey
 from simgap.diagnosis.result import WindowPrediction
-from simgap.diagnosis.verdict.transitions import followed, stray
 from simgap.effects import AppliedEffect
 from simgap.plants.context import Context
 from simgap.plants.plant_model import PlantModel

@@ -10,7 +10,7 @@ import pytest
 
 from simgap.config.load import load_case
 from simgap.config.measured import MeasuredSection
-from simgap.diagnosis.corrected_case import corrected_case
+from simgap.correction.corrected_case import corrected_case
 from simgap.diagnosis.record.survey import survey
 from simgap.diagnosis.result import Estimate, FoundEffect, LeftOver, Nearest
 from simgap.effects import AppliedEffect

@@ -8,7 +8,7 @@ import pytest
 
 from simgap.config.load import load_case
 from simgap.config.reads import READS
-from simgap.diagnosis.corrected_case import corrected_case
+from simgap.correction.corrected_case import corrected_case
 from simgap.effects import AppliedEffect
 from simgap.plants.plant_model import PlantModel
 from simgap.provenance import sections_digest

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from simgap.correction.remainder import bound_remainder
+from simgap.correction.transitions import held, seen, transitions, within
 from simgap.diagnosis.record.conditions import conditioned, under_conditions
 from simgap.diagnosis.result import DiagnosisSettings, WindowPrediction
 from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import parts_of
 from simgap.diagnosis.simulation.sensitivity import choose_steps, with_values
-from simgap.diagnosis.verdict.remainder import bound_remainder
-from simgap.diagnosis.verdict.transitions import held, seen, transitions, within
 from simgap.effects import AppliedEffect
 from simgap.io.recordings.measured import load_reading
 from simgap.plants.context import Context

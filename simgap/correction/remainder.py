@@ -19,10 +19,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from simgap.arrays import Floats, Ints
+from simgap.correction.conformal_bound import NearRest, Sizes, bound, pieces, slow_and_fast
+from simgap.correction.process_noise import bound_forces
+from simgap.correction.transitions import Transitions, force_ratio, held, seen, transitions, within
 from simgap.diagnosis.result import WindowPrediction
-from simgap.diagnosis.verdict.conformal_bound import NearRest, Sizes, bound, pieces, slow_and_fast
-from simgap.diagnosis.verdict.process_noise import bound_forces
-from simgap.diagnosis.verdict.transitions import Transitions, force_ratio, held, seen, transitions, within
 from simgap.model.symbolic import SymbolicModel
 from simgap.statistics import attained, fewest
 

@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import norm
 
 from simgap.config.load import parse_case
-from simgap.diagnosis.verdict.remainder import bound_remainder
+from simgap.correction.remainder import bound_remainder
 from simgap.effects import AppliedEffect
 from simgap.plants.plant_model import PlantModel
 from tests.stages import diagnosis_example as example

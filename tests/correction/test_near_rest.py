@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from simgap.diagnosis.verdict.conformal_bound import Sizes, bound, slow_and_fast
+from simgap.correction.conformal_bound import Sizes, bound, slow_and_fast
 
 LEVEL = 0.95
 

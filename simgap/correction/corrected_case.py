@@ -27,10 +27,10 @@ from simgap.config.load import case_content, parse_case
 from simgap.config.measured import MeasuredSection
 from simgap.config.model_files import move_files
 from simgap.config.plant import AddedEffect
+from simgap.correction.remainder import RemainderUse
+from simgap.correction.transitions import Followed, followed, stray
 from simgap.diagnosis.result import Diagnosis
 from simgap.diagnosis.thresholds import MATTERS, NEAR
-from simgap.diagnosis.verdict.remainder import RemainderUse
-from simgap.diagnosis.verdict.transitions import Followed, followed, stray
 from simgap.effects import AppliedEffect, delays_and_lags, effect
 from simgap.errors import UserError
 from simgap.geometry import Box, Grid

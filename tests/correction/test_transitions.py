@@ -7,8 +7,8 @@ import pytest
 import yaml
 
 from simgap.config.load import parse_case
+from simgap.correction.transitions import seen, transitions, within
 from simgap.diagnosis.result import WindowPrediction
-from simgap.diagnosis.verdict.transitions import seen, transitions, within
 from simgap.plants.plant_model import PlantModel
 from tests.stages import diagnosis_example as example
 

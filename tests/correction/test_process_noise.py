@@ -10,8 +10,8 @@ import yaml
 from scipy.stats import norm
 
 from simgap.config.load import parse_case
+from simgap.correction.process_noise import bound_forces
 from simgap.diagnosis.result import WindowPrediction
-from simgap.diagnosis.verdict.process_noise import bound_forces
 from simgap.model.symbolic import Parameter, symbol
 from simgap.plants.plant_model import PlantModel
 from tests.stages import diagnosis_example as example

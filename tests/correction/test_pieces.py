@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import norm
 
-from simgap.diagnosis.verdict.conformal_bound import Sizes, bound, memory, pieces
+from simgap.correction.conformal_bound import Sizes, bound, memory, pieces
 from simgap.statistics import attained
 
 LEVEL = 0.95

@@ -20,9 +20,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.correction.transitions import joined, mean_input
 from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.verdict.missing import compiled
-from simgap.diagnosis.verdict.transitions import joined, mean_input
 from simgap.late import scipy
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
