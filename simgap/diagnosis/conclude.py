@@ -37,7 +37,7 @@ from simgap.diagnosis.simulation.sensitivity import with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, FIT_QUALITY, MATTERS, NARROW
 from simgap.diagnosis.verdict import answer
-from simgap.diagnosis.verdict.beyond import beyond
+from simgap.diagnosis.verdict.extrapolation import extrapolated
 from simgap.diagnosis.verdict.faults import faint_memory, noise_faults, push_faults
 from simgap.diagnosis.verdict.judge import (
     Evidence,
@@ -55,29 +55,29 @@ from simgap.notation import joined
 
 
 def conclude(
-    model: SymbolicModel, record: Record, settings: DiagnosisSettings, parts: Parts, put: Chosen,
+    model: SymbolicModel, record: Record, settings: DiagnosisSettings, parts: Parts, choice: Chosen,
     said: tuple[str, ...], faults: tuple[RecordingFault, ...],
 ) -> Diagnosis:  # fmt: skip
     """From what was chosen to the answer; here alone *confirm* is looked at."""
     known, confirm, horizon = parts.known, parts.confirm, settings.horizon_s
     names = [trace.name for trace in record.traces]
-    seen = confirmed(parts, put, names, horizon)
-    chosen, old = seen.chosen, seen.old
+    judgement = confirmed(parts, choice, names, horizon)
+    chosen, old = judgement.chosen, judgement.old
     search, full, base = chosen.search, chosen.full, chosen.base
-    verdict_is = _worded(record, parts.left_out, known, confirm, chosen, seen.evidence)
-    word, named = verdict_is.word, verdict_is.named
+    grade = _graded(record, parts.left_out, known, confirm, chosen, judgement.evidence)
+    word, named = grade.word, grade.named
     empty = search.empty(chosen.sparse)
     path = steps(search, empty, chosen.kept)
-    put_forward = in_order(chosen.kept, path)
-    kept, held = (put_forward, seen.new) if named else (full.empty(base), old)
-    short = nearest(full, put_forward, seen.evidence, chosen.at_floor, model) if word == "unexplained" else None
+    ordered = in_order(chosen.kept, path)
+    kept, held = (ordered, judgement.new) if named else (full.empty(base), old)
+    short = nearest(full, ordered, judgement.evidence, chosen.at_floor, model) if word == "unexplained" else None
     watch = search.watch
     tested = word in ("partial", "unexplained") and short is None and not watch.stopped
     left = second_look(search, chosen.found if named else empty, confirm, held, horizon, model) if tested else None
     pushes = push_faults(parts.left_out, known, names)
     plain = replace(known, usual=None)
     declared = fit(plain, base.theta, base.x0, [], {})
-    told_of = _told(model, record, known, chosen, kept, verdict_is.others)
+    findings = _findings(model, record, known, chosen, kept, grade.others)
     windows = answer.predictions(known, names, (base, base.x0), (kept.fit, kept.fit.x0), False)
     windows += answer.predictions(confirm, names, (base, old.states), (kept.fit, held.states), True)
     most = settings.max_effects if chosen.at_floor else min(settings.max_effects, settings.most_off_floor)
@@ -85,36 +85,36 @@ def conclude(
     limited = (own.max_effects, own.most_off_floor) != (usual.max_effects, usual.most_off_floor)  # by a person
     return Diagnosis(
         verdict=word,
-        effects=told_of.effects,
-        alternatives=told_of.listed,
+        effects=findings.effects,
+        alternatives=findings.listed,
         before=judged(plain, declared, old, horizon),
         after=judged(known, kept.fit, held, horizon),
         floor=_floor(confirm, held, horizon),
-        excess_share=seen.evidence.share if named else 1.0,
-        explained_error=seen.evidence.gain.share if named and not chosen.at_floor else None,
+        excess_share=judgement.evidence.share if named else 1.0,
+        explained_error=judgement.evidence.gain.share if named and not chosen.at_floor else None,
         sigma=dict(zip(record.measured, map(float, confirm.sigma), strict=True)),
         candidates=answer.candidate_scores(search, empty, chosen.barred),
         collinear=answer.collinear_table(collinear_pairs(search, empty), EXACTLY_COLLINEAR),
         folds=FoldStretches(*(stretches(p.windows, confirm.t, names) for p in (parts.fit, parts.choose, confirm))),
-        warnings=(*said, *told_of.slight, *_warnings(held, kept, horizon), *verdict_is.beside),
-        doubts=verdict_is.doubts,
+        warnings=(*said, *findings.slight, *_warnings(held, kept, horizon), *grade.beside),
+        doubts=grade.doubts,
         stopped=f"{watch.stopped}: the answer is the best of {watch.sets} sets of effects." if watch.stopped else "",
-        unconfirmed=verdict_is.further,
-        faint_memory=verdict_is.faint,
+        unconfirmed=grade.further,
+        faint_memory=grade.faint,
         at_most=most if limited and len(chosen.kept.members) >= most else None,
         applied=answer.applied(kept),
         windows=tuple(windows),
         nearest=short,
         left_over=left,
-        concentrated=seen.where,
-        recording=(*faults, *pushes, *told_of.faults, *noise_faults(known)),
+        concentrated=judgement.where,
+        recording=(*faults, *pushes, *findings.faults, *noise_faults(known)),
         steps=path,
     )
 
 
 @dataclass(frozen=True, eq=False)
-class _Told:
-    """What is told of a set: effects, sets that do as well, faults of the recording, and those of no practical size."""
+class _Findings:
+    """Effects, sets that do as well, faults of the recording, and those of no practical size, as they are reported."""
 
     effects: tuple[FoundEffect, ...]
     listed: tuple[Alternative, ...]
@@ -122,20 +122,20 @@ class _Told:
     slight: tuple[str, ...]
 
 
-def _told(
+def _findings(
     model: SymbolicModel, record: Record, known: Problem, chosen: Chosen, kept: Explanation, others: Sequence[Rival]
-) -> _Told:
+) -> _Findings:
     every = answer.found_effects(chosen.full, kept, others, chi2_dof(known, kept.fit), chosen.at_floor, model)
     small = slight(chosen.full, kept, chosen.base)
     faults = (*fitted_faults([e for e in every if (e.name, e.on) not in small]), *gain_faults(every))
     plant = [e for e in every if not is_fault(e.name)]
     listed = answer.alternatives(chosen.found, others)
-    effects, listed = told(plant, listed, model, answer.applied(kept), record.measured)
-    return _Told(effects, listed, faults, _of_no_size(every, small))
+    effects, listed = with_restatements(plant, listed, model, answer.applied(kept), record.measured)
+    return _Findings(effects, listed, faults, _of_no_size(every, small))
 
 
 @dataclass(frozen=True, eq=False)
-class _Worded:
+class _Grade:
     """The verdict, and what keeps it from `attributed`.
 
     Attributes:
@@ -153,13 +153,13 @@ class _Worded:
     beside: tuple[str, ...]
 
 
-def _worded(
+def _graded(
     record: Record, left_out: tuple[Span, ...], known: Problem, confirm: Problem, chosen: Chosen, evidence: Evidence
-) -> _Worded:
+) -> _Grade:
     """The verdict by the evidence, held back where something else may have acted or fits better."""
     word, members = verdict(chosen.kept, evidence), chosen.kept.members
     asked = left_out and word in ("attributed", "none")
-    further = beyond(record, left_out, known, chosen.kept.fit, confirm) if asked else ()
+    further = extrapolated(record, left_out, known, chosen.kept.fit, confirm) if asked else ()
     word = "partial" if further and members else word
     named = word in ("attributed", "partial") or (word == "none" and evidence.needed)
     others = _rivals(chosen) if named else []
@@ -167,8 +167,8 @@ def _worded(
     faint = faint_memory(known) if word == "attributed" and members else ()
     word = "partial" if (unsure or faint) and word == "attributed" else word
     if word != "partial" or not evidence.at_noise:
-        return _Worded(word, named, others, further, faint, (), unsure)
-    return _Worded(word, named, others, further, faint, unsure or evidence.short_of(chosen.kept), ())
+        return _Grade(word, named, others, further, faint, (), unsure)
+    return _Grade(word, named, others, further, faint, unsure or evidence.short_of(chosen.kept), ())
 
 
 def _rivals(chosen: Chosen) -> list[Rival]:
@@ -311,7 +311,7 @@ def nearest(
     return Nearest(effects, share, tuple(reason for holds, reason in reasons if holds))
 
 
-def restated(model: SymbolicModel, found: Sequence[AppliedEffect], measured: Sequence[str]) -> list[Alternative]:
+def restatements(model: SymbolicModel, found: Sequence[AppliedEffect], measured: Sequence[str]) -> list[Alternative]:
     """Sets in which one effect of the library stands for some of those found, exactly."""
     out = []
     for e in EFFECTS.values():
@@ -345,7 +345,7 @@ def _by_the_sensors(model: SymbolicModel, found: Sequence[AppliedEffect], measur
     return out
 
 
-def told(
+def with_restatements(
     effects: Sequence[FoundEffect], alternatives: Sequence[Alternative], model: SymbolicModel,
     found: Sequence[AppliedEffect], measured: Sequence[str],
 ) -> tuple[tuple[FoundEffect, ...], tuple[Alternative, ...]]:  # fmt: skip
@@ -358,7 +358,7 @@ def told(
     known = {keys(found), *(keys(other.effects) for other in alternatives)}
     exact = [other.effects for other in alternatives if other.exact]
     equals = (found, *(own for own in exact if not any(is_fault(a.name) for a in own)))
-    for other in sorted((o for e in equals for o in restated(model, e, measured)), key=lambda o: len(o.effects)):
+    for other in sorted((o for e in equals for o in restatements(model, e, measured)), key=lambda o: len(o.effects)):
         mine = keys(other.effects)
         if not any(whole <= mine for whole in known):
             known.add(mine)

@@ -107,17 +107,17 @@ class _Sought:
 
 
 def _concluded(model: SymbolicModel, settings: DiagnosisSettings, sought: _Sought) -> Diagnosis:
-    """The answer from what was found: the set that is put to *confirm*, and what *confirm* says of it."""
+    """The answer from what was found: the set that is judged on *confirm*, and what *confirm* says of it."""
     parts, ends, watch = sought.parts, sought.ends, sought.ends[0].watch
     watch.over = True
     if watch.stopped:  # what is spent is spent: the answer stands on the samples that it was found on
         parts = replace(parts, known=ends[0].problem)
-    put = chosen(parts, ends, settings, sought.not_tried, parts.known.windows)
-    if sought.robust is not None and not (put.at_floor or watch.stopped):
+    choice = chosen(parts, ends, settings, sought.not_tried, parts.known.windows)
+    if sought.robust is not None and not (choice.at_floor or watch.stopped):
         other = chosen(*sought.robust, settings, sought.not_tried, parts.known.windows)
-        if other.predicts_better_than(put):
-            parts, put = sought.robust[0], other
-    return conclude(model, sought.record, settings, parts, put, sought.said, (*sought.faults, *sought.filtered))
+        if other.predicts_better_than(choice):
+            parts, choice = sought.robust[0], other
+    return conclude(model, sought.record, settings, parts, choice, sought.said, (*sought.faults, *sought.filtered))
 
 
 def _sought(model: SymbolicModel, record: Record, settings: DiagnosisSettings, watch: Watch) -> _Sought:

@@ -51,7 +51,7 @@ def best_subsets(seen: Screen, size: int) -> list[Subset]:
     options = [k for k, (c, _, _) in enumerate(seen.asked) if c.effect.contains is None]
     kept = [_Partial((), 0.0)]
     for _ in range(size):
-        kept = _distinct(seen, [wider for p in kept for wider in _widened(seen, gram, gradient, options, p)])
+        kept = _distinct(seen, [wider for p in kept for wider in _with_one_more(seen, gram, gradient, options, p)])
     found = [_subset(seen, gram, gradient, scale, p) for p in kept]
     return sorted((s for s in found if s is not None), key=lambda s: s.left)
 
@@ -60,7 +60,7 @@ def _columns(seen: Screen, picks: tuple[int, ...]) -> list[int]:
     return [*range(seen.own), *(j for k in picks for j in seen.asked[k][2])]
 
 
-def _widened(seen: Screen, gram: Floats, gradient: Floats, options: list[int], p: _Partial) -> list[_Partial]:
+def _with_one_more(seen: Screen, gram: Floats, gradient: Floats, options: list[int], p: _Partial) -> list[_Partial]:
     """One more effect in all ways."""
     have = _columns(seen, p.picks)
     rest, pull = gram, gradient
@@ -135,7 +135,7 @@ def leap(search: Search, base: Fit, most: int) -> None:
     for size in range(2, most + 1):
         if size > LEAPS_ANYHOW and not _pays(search, size, most):
             return
-        widen(search, _sources(search, base, size), size)
+        fit_larger(search, _sources(search, base, size), size)
         for _ in range(2):
             best = _best(search, size, 1)
             if not best or search.reached(best[0]):
@@ -145,7 +145,7 @@ def leap(search: Search, base: Fit, most: int) -> None:
             return
 
 
-def widen(search: Search, sources: list[Explanation], size: int) -> None:
+def fit_larger(search: Search, sources: list[Explanation], size: int) -> None:
     """Fit the sets of one size that the linear problems around smaller ones promise most of."""
     _fitted(search, _options(search, sources, size))
 

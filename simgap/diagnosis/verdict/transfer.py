@@ -21,7 +21,7 @@ from simgap.diagnosis.record.folds import Windows
 from simgap.diagnosis.search.confidence import chi2_dof, independent_share
 from simgap.diagnosis.search.explanations import Explanation, Search, doubted
 from simgap.diagnosis.search.fit import Fit, fit
-from simgap.diagnosis.search.leaps import widen
+from simgap.diagnosis.search.leaps import fit_larger
 from simgap.diagnosis.simulation.coarse import JUDGED_ROWS, coarse
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import BIC_GAIN, MATTERS, MOST, PLAUSIBLE_RATIO, WIDTH
@@ -126,7 +126,7 @@ def transferable(
         for e in _best(wider, size, 1):
             wider.refined(e)
         if size < most:
-            widen(wider, _best(wider, size, WIDTH), size + 1)
+            fit_larger(wider, _best(wider, size, WIDTH), size + 1)
     pool = [
         e for size in range(1, largest + 1) for e in _best(wider, size, WIDTH)
         if e.fit.converged and _plausible(e) and not vanished(search, e, False)

@@ -21,7 +21,7 @@ from simgap.diagnosis.thresholds import BRIEF_S, FAR
 _SPAN = 0.25 * BRIEF_S  # s over which a rate is taken
 
 
-def beyond(record: Record, spans: tuple[Span, ...], known: Problem, at: Fit, confirm: Problem) -> tuple[str, ...]:
+def extrapolated(record: Record, spans: tuple[Span, ...], known: Problem, at: Fit, confirm: Problem) -> tuple[str, ...]:
     """Readings and inputs that are, where a time left out begins, where nothing else in the record was, by name.
 
     It begins until a reading leaves the prediction from the window before; where there is none, all of it counts. A
