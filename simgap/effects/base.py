@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, TypeAlias
 
+from simgap.arrays import Floats
 from simgap.errors import UserError
 from simgap.late import sympy as sp
 from simgap.model.symbolic import Parameter, PlanarWheels, SymbolicModel, Variable, symbol
@@ -266,8 +267,9 @@ class Effect(ABC):
         """Name of the state that carries what the effect remembers of the input `on`; None if no state does."""
         return None
 
-    def doubt(self, values: Mapping[str, float], places: tuple[float, float]) -> str:
-        """Why the places where its coordinate was, lowest and highest, do not show that it is this; '' if they do."""
+    def doubt(self, values: Mapping[str, float], visited: Floats) -> str:
+        """Why what its input, or the position of its coordinate, was (n,) does not show that it is this; '' if it
+        does."""
         return ""
 
     def canonical(self, values: Mapping[str, float]) -> dict[str, float]:

@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.effects.base import (
     AppliedEffect,
     CoordinateEffect,
@@ -138,9 +139,9 @@ class Cogging(CoordinateEffect):
         """A sin(n q + phase)."""
         return values["A"] * sp.sin(values["n"] * position + values["phase"])
 
-    def doubt(self, values: Mapping[str, float], places: tuple[float, float]) -> str:
+    def doubt(self, values: Mapping[str, float], visited: Floats) -> str:
         """A period is seen where the record covers it more than once; before that any bent curve looks like one."""
-        covered = (places[1] - places[0]) * values["n"] / (2.0 * math.pi)
+        covered = float(np.ptp(visited)) * values["n"] / (2.0 * math.pi)
         if not 0.0 < covered < SEEN_PERIODS:
             return ""
         return f"the record covers {covered:.2g} periods of the ripple: a force of another shape would look like it"

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
+from simgap.arrays import Floats
 from simgap.effects.base import (
     FORCE,
     AppliedEffect,
@@ -177,10 +180,9 @@ class DahlFriction(MemoryForceEffect):
         """(v - |v| z) / d."""
         return (velocity - sp.Abs(velocity) * memory) / values["d"]
 
-    def doubt(self, values: Mapping[str, float], places: tuple[float, float]) -> str:
+    def doubt(self, values: Mapping[str, float], visited: Floats) -> str:
         """Friction slides: what only bends wherever the record was is a spring from where it began."""
-        travel = places[1] - places[0]
-        if not 0.0 < travel < values["d"]:
+        if not 0.0 < np.ptp(visited) < values["d"]:
             return ""
         return "it never slides where the record was: a spring would look like it"
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+import numpy as np
+
+from simgap.arrays import Floats
 from simgap.effects.base import COMMAND, EffectParameter, MjcfPlace, Quoted, Scales, Start, Values, both_sides, multiple
 from simgap.effects.commands import DriveEffect, MemoryInputEffect, StaticInputEffect
 from simgap.late import sympy as sp
@@ -108,6 +111,10 @@ class InputDeadZone(StaticInputEffect):
         return both_sides(symbol(on), values["width"])
 
 
+FLAT = 0.1
+"""A limit is seen where commands beyond it differ by more than this share of what it cuts off (judgement)."""
+
+
 class InputSaturation(StaticInputEffect):
     """The plant feels no more than the limit."""
 
@@ -126,6 +133,13 @@ class InputSaturation(StaticInputEffect):
             return Start(1, lambda c: {"limit": scales.command * share if c[0] > 0.0 else math.inf}, amplitude=1.0)
 
         return tuple(at(share) for share in (0.95, 0.85, 0.7, 0.5, 0.35))
+
+    def doubt(self, values: Mapping[str, float], visited: Floats) -> str:
+        """Commands of several sizes beyond a limit are felt alike; those of one size are felt less, as by any curve."""
+        beyond = np.abs(visited)[np.abs(visited) > values["limit"]]
+        if not beyond.size or np.ptp(beyond) > FLAT * (beyond.max() - values["limit"]):
+            return ""
+        return "all commands beyond the limit are of one size: a smaller gain there would look like it"
 
     def applied(self, command: sp.Expr, values: Values) -> sp.Expr:
         """u cut to +-limit."""

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from simgap.diagnosis.search.confidence import undetermined
-from simgap.diagnosis.verdict import judge, transfer
+from simgap.diagnosis.verdict import judge
 from simgap.diagnosis.verdict.judge import _variances
 from simgap.effects.base import Scales
 from simgap.effects.forces import Cogging
 from simgap.effects.friction import CoulombFriction, DahlFriction, StribeckFriction
+from simgap.effects.inputs import InputSaturation
 
 
 @pytest.mark.parametrize(("width", "error", "loose"), [(0.05, 0.04, True), (0.05, 0.01, False)])
@@ -27,9 +28,12 @@ def test_a_stribeck_peak_of_a_width_that_may_be_zero_is_coulomb_friction(width, 
     (DahlFriction(), {"F_c": 0.2, "d": 0.1}, ""),
     (Cogging(), {"A": 0.1, "n": 2.0, "phase": 0.0}, "0.95 periods"),
     (Cogging(), {"A": 0.1, "n": 6.0, "phase": 0.0}, ""),
+    (InputSaturation(), {"limit": 1.2}, "of one size"),  # beyond it the commands are -1.5 and 1.5
+    (InputSaturation(), {"limit": 0.8}, ""),
+    (InputSaturation(), {"limit": 2.0}, ""),
 ])  # fmt: skip
 def test_what_looks_like_another_force_wherever_the_record_was_is_doubted(effect, values, unsure):
-    why = effect.doubt(values, (-1.5, 1.5))
+    why = effect.doubt(values, np.linspace(-1.5, 1.5, 7))
     assert unsure in why
     assert bool(why) == bool(unsure)
 
@@ -58,10 +62,3 @@ def test_a_finer_effect_of_a_loose_number_goes_only_where_the_coarser_one_is_as_
     monkeypatch.setattr(judge, "_loose", lambda search, e, at_floor: [c for c in e.members if c is fine])
     kept = judge.real(SimpleNamespace(coarser=lambda e, c: coarse), found, False)
     assert [c.effect.name for c in kept.members] == [left]
-
-
-def test_off_the_noise_a_set_that_may_be_something_else_is_set_aside(monkeypatch):
-    sets = [SimpleNamespace(physical=True, members=(name,), bic=bic) for name, bic in (("ripple", 1.0), ("drag", 2.0))]
-    monkeypatch.setattr(transfer, "doubted", lambda problem, e: ("half a period",) if e.members == ("ripple",) else ())
-    search = SimpleNamespace(sound=lambda size: sets, problem=None)
-    assert [e.members for e in transfer._best(search, 1, 5)] == [("drag",)]

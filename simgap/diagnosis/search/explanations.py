@@ -12,7 +12,7 @@ from simgap.arrays import Floats
 from simgap.diagnosis.result import Key
 from simgap.diagnosis.search.confidence import at_noise, misfit
 from simgap.diagnosis.search.fit import Fit, fit
-from simgap.diagnosis.search.scoring import Score, Screen, Starts, best_of_each, places, score, screen
+from simgap.diagnosis.search.scoring import Score, Screen, Starts, best_of_each, score, screen, visited
 from simgap.diagnosis.search.watch import Watch
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import choose_steps, inverted, with_values
@@ -310,8 +310,6 @@ def sound(c: Candidate, found: Fit) -> bool:
 
 def doubted(problem: Problem, e: Explanation) -> tuple[str, ...]:
     """What is to be said of effects that may be something else wherever the record was."""
-    doubts = [
-        (c, c.effect.doubt(c.effect.canonical(c.values(e.fit.theta.tolist())), places(problem, c.on)))
-        for c in e.members if c.effect.kind == "coordinate"
-    ]  # fmt: skip
+    values = e.fit.theta.tolist()
+    doubts = [(c, c.effect.doubt(c.effect.canonical(c.values(values)), visited(problem, c))) for c in e.members]
     return tuple(f"Of {c.effect.phrase(c.on)}: {why}." for c, why in doubts if why)

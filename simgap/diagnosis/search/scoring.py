@@ -66,7 +66,7 @@ def list_starts(problem: Problem, barred: Collection[Key] = ()) -> Starts:
             scales = Scales(spacing, command=float(commands[wheels.linear]) or 1.0)
         elif c.effect.kind == "coordinate":
             drive = sum(float(commands[u]) for u in driven_by(model, c.on))
-            own = _speed(problem, c.on), _inertia(model, c.on), places(problem, c.on)
+            own = _speed(problem, c.on), _inertia(model, c.on), _places(problem, c)
             scales = Scales(spacing, drive or 1.0, *own)
         items += [(c, start) for start in c.effect.starts(scales)]
     return Starts(tuple(items))
@@ -86,12 +86,20 @@ def _speed(problem: Problem, coordinate: str) -> float:
     return 1.0
 
 
-def places(problem: Problem, coordinate: str) -> tuple[float, float]:
-    """Lowest and highest reading of a coordinate's position; 0 and 0 if it has none."""
-    position, measured = problem.model.model.coordinate(coordinate).position, problem.model.measured
-    if position not in measured:
-        return 0.0, 0.0
-    q = problem.y[:, measured.index(position)]
+def visited(problem: Problem, c: Candidate) -> Floats:
+    """What the input of a candidate was in the windows, or the position of its coordinate in the record: (n,).
+
+    A single 0 where it acts on neither, or nothing reads that.
+    """
+    model, measured = problem.model.model, problem.model.measured
+    if c.effect.kind == "input":
+        return problem.u[problem.samples, model.input_names.index(c.on)]
+    position = model.coordinate(c.on).position if c.effect.kind == "coordinate" else None
+    return problem.y[:, measured.index(position)] if position in measured else np.zeros(1)
+
+
+def _places(problem: Problem, c: Candidate) -> tuple[float, float]:
+    q = visited(problem, c)
     return float(np.nanmin(q)), float(np.nanmax(q))
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.diagnosis.record.folds import Windows
 from simgap.diagnosis.search.confidence import chi2_dof, independent_share
-from simgap.diagnosis.search.explanations import Explanation, Search, doubted
+from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.leaps import fit_larger
 from simgap.diagnosis.simulation.coarse import JUDGED_ROWS, coarse
@@ -71,14 +71,9 @@ def rescaled(search: Search, best: Explanation) -> Search:
     return wider
 
 
-def _best(search: Search, size: int, most: int) -> list[Explanation]:
-    """The best physical sets of one size by BIC, those aside that look like something else wherever the record was."""
-    return [e for e in search.sound(size) if not doubted(search.problem, e)][:most]
-
-
 def _takes_most(search: Search, e: Explanation) -> bool:
     """Whether a set leaves less than `MOST` of what the best with one effect fewer does."""
-    smaller = _best(search, len(e.members) - 1, 1)
+    smaller = search.sound(len(e.members) - 1)[:1]
     return bool(smaller) and e.fit.chi2 < MOST * smaller[0].fit.chi2
 
 
@@ -123,12 +118,12 @@ def transferable(
     wider = rescaled(search, best)
     wider.joined(wider.empty(base))
     for size in range(1, most + 1):  # a wider look than the greedy path: the right set need not fit best
-        for e in _best(wider, size, 1):
+        for e in wider.sound(size)[:1]:
             wider.refined(e)
         if size < most:
-            fit_larger(wider, _best(wider, size, WIDTH), size + 1)
+            fit_larger(wider, wider.sound(size)[:WIDTH], size + 1)
     pool = [
-        e for size in range(1, largest + 1) for e in _best(wider, size, WIDTH)
+        e for size in range(1, largest + 1) for e in wider.sound(size)[:WIDTH]
         if e.fit.converged and _plausible(e) and not vanished(search, e, False)
         and (size <= most or _takes_most(wider, e))
     ]  # fmt: skip
