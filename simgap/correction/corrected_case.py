@@ -2,7 +2,7 @@
 
 The nominal model gets all of the effects. Whether the simulator lacks them too is another question: simgap's own twin
 of the nominal model does, a person's own program may know them already. So the simulator follows the recordings that
-confirm with and without them, and what strays less is taken (`measured_out`).
+were fitted with and without them, and what strays less is taken (`measured_out`); those that confirm choose nothing.
 """
 
 from __future__ import annotations
@@ -123,7 +123,7 @@ def measured_out(
     context: Context, section: MeasuredSection, found: Diagnosis, names: tuple[Sequence[str], Sequence[str]],
     engine_log: Path | None = None,
 ) -> ActedOut | None:  # fmt: skip
-    """`acted_out`, decided by the recordings that confirm where they can: see the module.
+    """`acted_out`, decided by the recordings that were fitted where they can: see the module.
 
     Args:
         found: with the windows; names: of their measured states, and of their inputs (those of the case come first).
@@ -160,12 +160,12 @@ def _sets(able: Effects, stated: Effects) -> list[Effects]:
 def _errors(
     context: Context, found: Diagnosis, measured: Sequence[str], sets: Sequence[Effects], engine_log: Path | None
 ) -> list[float]:
-    """How far the simulator strays from the windows that confirm with each set of effects; none without windows."""
-    held = [w for w in found.windows if w.held_out]
-    held = held[:: max(1, -(-len(held) // _MOST_FOLLOWED))]
+    """How far the simulator strays from the windows that were fitted with each set of effects; none without windows."""
+    fitted = [w for w in found.windows if not w.held_out]
+    fitted = fitted[:: max(1, -(-len(fitted) // _MOST_FOLLOWED))]
     tau = context.domain.tau
     since = max((delay + _FORGOTTEN * lag for s in sets for delay, lag in delays_and_lags(s).values()), default=0.0)
-    runs = [_runs(context, found, held, measured, s, since) for s in sets]
+    runs = [_runs(context, found, fitted, measured, s, since) for s in sets]
     if not all(runs):
         return []
     jobs = [
@@ -179,14 +179,14 @@ def _errors(
 
 
 def _runs(
-    context: Context, found: Diagnosis, held: Sequence[Any], measured: Sequence[str], effects: Effects, since: float
+    context: Context, found: Diagnosis, windows: Sequence[Any], measured: Sequence[str], effects: Effects, since: float
 ) -> list[Followed]:
     """Stretches to follow. An effect that remembers commands is a mixture of delays: a lag of exponential ones."""
     late = {on: delay + lag * _SHARES for on, (delay, lag) in delays_and_lags(effects).items()}
     columns = context.plant.corrected.state_names[: found.windows[0].states.shape[1]]
     if not set(context.states) <= set(columns):
         return []
-    return followed(held, context.states, context.inputs, columns, measured, late, context.domain.tau, since)
+    return followed(windows, context.states, context.inputs, columns, measured, late, context.domain.tau, since)
 
 
 def _with(case: Case, effects: Effects) -> Case:
@@ -215,7 +215,7 @@ def _judged(stated: ActedOut, sets: Sequence[Effects], errors: Sequence[float]) 
     )
     return ActedOut(
         taken,
-        f"The simulator {what}: it then misses the held-out recordings by {number(errors[best], 3)} times "
+        f"The simulator {what}: it then misses the fitted recordings by {number(errors[best], 3)} times "
         f"their noise; {beside}, by {number(errors[sets.index(other)], 3)} times.{far if min(errors) > NEAR else ''}"
         f"{stated.rest}",
         tried,
