@@ -141,11 +141,12 @@ def one(name: str) -> dict[str, Any]:
 
 def table(rows: Sequence[dict[str, Any]]) -> str:
     """Markdown, one record a row, in the order of the list."""
-    lines = ["| record | verdict | named | CPU s | goal | memory, GiB |", "|---|---|---|---|---|---|"]
+    lines = ["| record | verdict | named | CPU s | goal | met | memory, GiB |", "|---|---|---|---|---|---|---|"]
     for r in sorted(rows, key=lambda r: list(GOALS).index(r["record"])):
         named = ", ".join(f"{n} on {on}" for n, on in r["answer"]) or "-"
         goal = "" if r["goal_s"] is None else f"{r['goal_s']:g}"
-        cells = (r["record"], r["verdict"], named, f"{r['cpu_s']:.3g}", goal, f"{r['peak_gib']:g}")
+        met = "" if r["goal_s"] is None else "yes" if r["cpu_s"] <= r["goal_s"] else "no"
+        cells = (r["record"], r["verdict"], named, f"{r['cpu_s']:.3g}", goal, met, f"{r['peak_gib']:g}")
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
 

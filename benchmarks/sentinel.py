@@ -161,6 +161,7 @@ def real_row(place: Row) -> Row:
     return {
         "verdict": d.verdict, "answer": [[e.name, e.on] for e in d.effects], "right": right, "wrong": "",
         "numbers": {f"{e.name} {e.on} {s}": p.value for e in d.effects for s, p in e.parameters.items()},
+        "ci95": {f"{e.name} {e.on} {s}": p.ci95 for e in d.effects for s, p in e.parameters.items()},
         "nearest": [[e.name, e.on] for e in d.nearest.effects] if d.nearest else [],
         "chi2_dof": [d.before.chi2_dof, d.after.chi2_dof],
         "ahead": [dict(d.before.horizon_rmse), dict(d.after.horizon_rmse)],

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
+import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -243,7 +245,7 @@ FAULTS = (
     ("hostile_commands", "folders", "findings", "whole commands in hostile folders", "broke a promise"),
     ("fuzz_guided", "inputs", "findings", "inputs of a fuzzer that follows lines", "read wrongly"),
     ("reproducible", "files", "differing", "files of a run made again elsewhere", "of other bytes"),
-    ("mutants", "mutants", "caught", "mutants of the code", "caught"),
+    ("mutants", "mutants", "caught", "hand-picked mutants of the code, none of the diagnosis", "caught"),
 )
 """Of each benchmark: its name, the keys of its two figures, and what they are."""
 
@@ -261,9 +263,30 @@ def faults(_: Any) -> str:
 
 
 def real_records(data: Mapping[str, Any]) -> str:
-    """Answers on recordings of real hardware."""
+    """Answers on recordings of real hardware; those of `kinds` of benchmarks/sentinel.py are its own."""
     shown = ("record", "fitted", "confirmed", "verdict", "named", "result")
-    return markdown(list(shown), [[r[key] for key in shown] for r in data["records"]])
+    made = json.loads((RESULTS / "sentinel.json").read_text())["now"].values()
+    answers = {row["kind"]: row for row in made if row["study"] == "real"}
+    rows = [{**r, **_answered([answers[k] for k in r["kinds"]], r)} if "kinds" in r else r for r in data["records"]]
+    return markdown(list(shown), [[r[key] for key in shown] for r in rows])
+
+
+def _answered(rows: Sequence[Mapping[str, Any]], shown: Mapping[str, Any]) -> dict[str, str]:
+    """Verdicts, names, the number asked for with the ends of its intervals, and the share of the error explained."""
+    names = dict.fromkeys(f"{n} {on.split('.')[-1]}" for r in rows for n, on in r["answer"])
+    plain = [n.removeprefix("parameter_error ").replace("_", " ").removesuffix(" hinge") for n in names]
+    words = {"verdict": ", ".join(dict.fromkeys(r["verdict"] for r in rows)), "named": ", ".join(plain) or "-"}
+    values = [r["numbers"][shown["number"]] for r in rows if shown.get("number") in r["numbers"]]
+    if not values or any(r["share"] is None for r in rows):
+        return {**words, "result": "-"}
+    ends = [e for r in rows for e in r["ci95"][shown["number"]]]
+    shares = [100.0 * s for r in rows for s in r["share"]]
+    of = f"{min(values):.3g} to {max(values):.3g}" if len(values) > 1 else f"{values[0]:.3g}"
+    return {
+        **words,
+        "result": f"{of} ({min(ends):.3g} to {max(ends):.3g}) {shown['unit']}; "
+        f"{min(shares):.0f} to {max(shares):.0f} % of the error explained",
+    }
 
 
 def ur10e(data: Mapping[str, Any]) -> str:
@@ -295,29 +318,46 @@ TABLES: Mapping[str, tuple[str, Callable[[Any], str]]] = {
 }
 
 
+def _results(name: str) -> Path:
+    return RESULTS / TABLES[name][0] if name in TABLES else RESULTS / f"{name}.md"
+
+
 def made(name: str) -> str | None:
     """A table by its name: of the results, or as the study wrote it; none where its results are not kept."""
-    file, make = TABLES.get(name, (f"{name}.md", None))
-    path = RESULTS / file
+    path = _results(name)
     if not path.is_file():
         return None
-    return make(json.loads(path.read_text())) if make else path.read_text().strip()
+    return TABLES[name][1](json.loads(path.read_text())) if name in TABLES else path.read_text().strip()
 
 
-def filled(text: str) -> str:
-    """A page with its tables made anew."""
+def made_on(name: str) -> str:
+    """The day of the results of a table, by the history of their file; today where that was changed since."""
+    git = ("git", "-C", str(ROOT))
+    path = str((RESULTS / f"{_results(name).stem}.json").resolve())
+    changed = subprocess.run([*git, "status", "--porcelain", path], capture_output=True, text=True, check=True).stdout
+    last = subprocess.run([*git, "log", "-1", "--format=%cs", "--", path], capture_output=True, text=True, check=True)
+    return time.strftime("%Y-%m-%d") if changed or not last.stdout.strip() else last.stdout.strip()
+
+
+def filled(text: str, day: Callable[[str], str] | None = None) -> str:
+    """A page with its tables made anew, and the `day` of their results below each; None leaves what stands there."""
 
     def table(found: re.Match[str]) -> str:
-        new = made(found[1])
-        return found[0] if new is None else f"<!-- table {found[1]} -->\n{new}\n<!-- end -->"
+        name, below = found[1], found[2] or ""
+        new = made(name)
+        if new is None:
+            return found[0]
+        if day is not None:
+            below = f"\n*Results of {day(name)}.*\n"
+        return f"<!-- table {name} -->\n{new}\n{below}<!-- end -->"
 
-    return re.sub(r"<!-- table (\w+) -->\n.*?<!-- end -->", table, text, flags=re.S)
+    return re.sub(r"<!-- table (\w+) -->\n.*?(\n\*Results of [\d-]+\.\*\n)?<!-- end -->", table, text, flags=re.S)
 
 
 def main() -> None:
     """Rewrite every table whose results are there."""
     for page in sorted((ROOT / "docs").rglob("*.md")):
-        page.write_text(filled(page.read_text()))
+        page.write_text(filled(page.read_text(), made_on))
 
 
 if __name__ == "__main__":

@@ -131,7 +131,7 @@ def _show_checked(checked: Checked, case: Path) -> None:
         out.print("The engine takes the model file as it is: nothing is dropped or changed.")
     if not checked.costs:
         out.print(
-            "Only a diagnosis can be computed: there is no `domain:` with a simulator or a controller.",
+            "Only a diagnosis can be computed: a bound takes `domain:` and `simulator:`, a controller `synthesis:`.",
             soft_wrap=True, highlight=False,
         )  # fmt: skip
     out.print(conclusion(checked, case), soft_wrap=True, highlight=False)

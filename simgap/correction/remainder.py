@@ -234,7 +234,7 @@ def _statement(
         noise = (
             f"Measurement noise is not inside the bound of {', '.join(below)}, which is of the forces that smoothed "
             "readings allow under white noise: an estimate (likelihood, Chebyshev's inequality) of the same level, and "
-            f"both together leave {_percent(1.0 - level)} less."
+            f"both bounds hold together with {_percent(1.0 - level)} less confidence."
         )
     several = "independent pieces" if own.pieces > 1 else "independent piece"
     pieces = (

@@ -63,7 +63,8 @@ ended in a valley of their own stood 1.6 to 6,700 times above their best."""
 
 FIT_QUALITY = 1.15
 """Largest chi^2/dof of a model that reaches the noise floor, of fitted and of held-out windows; few numbers, which
-scatter by more, are at the floor unless noise does so more `SELDOM`."""
+scatter by more, are at the floor unless noise does so more `SELDOM`. Judgement: noise is estimated, and one that is
+taken for 7 % too small makes as much by itself."""
 
 MOST = 0.5
 """Most of a thing is more than half: of what the best answer leaves above the noise, where another tier of effects, a

@@ -30,7 +30,7 @@ ENGINES = {
 }
 INERTIAS = {"engine": "inertia computed by the engine, not the file's", "file": "inertia of the file"}
 
-SAID = ("plain", "little", "gap_aware", "nominal", "baseline", "arrival", "winning")
+SAID = ("recordings", "plain", "little", "gap_aware", "nominal", "baseline", "arrival", "winning")
 """Sentences of the headline, in order."""
 
 

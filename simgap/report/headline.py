@@ -30,10 +30,12 @@ def verdict(m: Material) -> dict[str, Any]:
     words, section = specification_of(m.context.case).words, m.context.case.validation
     steps = section.steps if section is not None else math.inf
     little = little_won(tables.promised_steps(m))
-    kept_words = "promise kept, but small" if little else "promise kept"
+    recordings = contradicted(m)
+    only = " in the simulator, not shown for the plant" if recordings else ", but small" if little else ""
     return {
         "good": good,
-        "badge": kept_words if good else "promise broken",
+        "badge": f"promise kept{only}" if good else "promise broken",
+        "recordings": recordings,
         "plain": plain(m),
         "tiles": tiles(m),
         "little": little,
@@ -69,6 +71,24 @@ def plain(m: Material) -> str:
         return said
     found, tried = m.audit["violations"], adversary.attempts(m.audit)
     return f"{said} An adversary found {found or 'no'} violation{'s' * (found > 1)} in {tried:,} attempts."
+
+
+def contradicted(m: Material) -> str:
+    """Sentences where recordings of the plant show what both model and simulator lack: no promise covers that."""
+    found, section = m.diagnosis, m.context.case.measured
+    if found is None or section is None or section.rig == "simulator" or found["verdict"] == "none":
+        return ""
+    lacking = (found.get("simulator") or {}).get("effects")
+    if found["verdict"] == "unexplained":
+        return (
+            "Recordings of the plant contradict the model, and no effect of the library explains the difference: what "
+            "is promised here is promised for the simulator alone."
+        )
+    words = (
+        "Recordings of the plant contradict the model, and the simulator lacks the same effects: what is promised here "
+        "is promised for the simulator alone. The corrected case has a bound and a controller with these effects."
+    )
+    return words if lacking else ""
 
 
 def _length(m: Material) -> str:

@@ -57,12 +57,16 @@ def _keys(schema: Mapping[str, Any], defs: Mapping[str, Any], prefix: str) -> It
         words = own.get("description") or next((k["description"] for k, _ in kinds if "description" in k), "")
         yield key, " or ".join(dict.fromkeys(filter(None, (_words(k) for k, _ in kinds)))), default, words
         if key.count(".") < _DEEPEST:
-            listed: set[str] = set()
+            listed: dict[str, set[tuple[str, ...]]] = {}
             for kind, step in kinds:
+                engine = kind.get("properties", {}).get("engine", {}).get("const", "")
                 for row in _keys(kind, defs, f"{key}{step}."):
-                    if row[0] not in listed:
-                        listed.add(row[0])
+                    before = listed.setdefault(row[0], set())
+                    if not before:
                         yield row
+                    elif engine and row not in before and row[0] != f"{key}.engine":
+                        yield *row[:3], f"`{engine}`: {row[3]}"
+                    before.add(row)
 
 
 def _kinds(

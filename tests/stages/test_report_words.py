@@ -210,3 +210,20 @@ def test_why_one_controller_wins_cells_that_the_other_loses(monkeypatch):
     unsigned = _apart("xxx.", "xx..")
     unsigned.gap["dimensions"][0]["scenario"].pop("lower")
     assert headline.cells_apart(unsigned) == ""  # the path between samples alone can do that
+
+
+@pytest.mark.parametrize(("verdict", "rig", "lacking", "words"), [
+    ("attributed", "hardware", [{"name": "coulomb_friction", "on": "shaft"}], "lacks the same effects"),
+    ("unexplained", "hardware", [], "no effect of the library"),
+    ("attributed", "hardware", [], ""),  # the simulator has them: gamma covers what the model lacks
+    ("attributed", "simulator", [], ""),
+    ("none", "hardware", [], ""),
+])  # fmt: skip
+def test_a_promise_in_a_simulator_that_recordings_contradict_says_so_first(verdict, rig, lacking, words):
+    """A motor's law failed in 138 of 284 starts on the plant, under a green "promise kept"."""
+    context = SimpleNamespace(case=SimpleNamespace(measured=SimpleNamespace(rig=rig)))
+    said = headline.contradicted(SimpleNamespace(context=context, diagnosis={
+        "verdict": verdict, "simulator": {"effects": lacking},
+    }))  # fmt: skip
+    assert words in said
+    assert bool(said) == bool(words)

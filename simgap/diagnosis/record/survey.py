@@ -84,7 +84,7 @@ def at_limit(u: Floats) -> float:
 
 @dataclass(frozen=True)
 class TraceLook:
-    """Timing of one trace: samples, seconds, median rate (Hz), spread of the interval (s), longest interval (s)."""
+    """Timing of a trace: samples, seconds, median rate (Hz), spread of intervals without lost rows, longest one (s)."""
 
     name: str
     samples: int
@@ -155,9 +155,8 @@ def survey(record: Record, model: SymbolicModel, noise: Mapping[str, float] | No
 def _timing(record: Record) -> Iterator[TraceLook]:
     for trace in record.traces:
         dt = np.diff(trace.t)
-        yield TraceLook(
-            trace.name, len(trace.t), trace.duration, float(1.0 / np.median(dt)), float(np.std(dt)), float(np.max(dt))
-        )
+        usual, whole = float(np.median(dt)), dt[dt < 1.5 * np.median(dt)]
+        yield TraceLook(trace.name, len(trace.t), trace.duration, 1.0 / usual, float(np.std(whole)), float(np.max(dt)))
 
 
 def _looks(record: Record, model: SymbolicModel, sigma: Floats, quantum: Floats) -> Iterator[ChannelLook]:
