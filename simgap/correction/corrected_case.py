@@ -210,8 +210,8 @@ def _judged(stated: ActedOut, sets: Sequence[Effects], errors: Sequence[float]) 
     what = f"includes {words}" if taken else "stays as it is"
     beside = "without them" if taken else "with the effects on top"
     far = (
-        " It follows them with none of these sets; something else differs, such as its time step (substeps) or its "
-        "own damping, and remains part of the gap."
+        " It follows them with none of these sets; something else differs, such as its time step (substeps), its "
+        "own damping, or commands that change within tau, and remains part of the gap."
     )
     return ActedOut(
         taken,

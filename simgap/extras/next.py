@@ -16,7 +16,7 @@ from simgap.diagnosis.record.conditions import conditioned, under_conditions
 from simgap.diagnosis.record.faults.measurement import is_fault
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import DiagnosisSettings
-from simgap.diagnosis.thresholds import CONFIDENCE
+from simgap.diagnosis.thresholds import CONFIDENCE, MATTERS
 from simgap.effects import AppliedEffect
 from simgap.errors import UserError
 from simgap.extras.experiment.ask import WANTED, Advice, Question, ask, windows_to_come
@@ -43,7 +43,7 @@ def paragraph(question: Question, advice: Advice, units: Mapping[str, str], file
     labels = [r.label for r in rivals]
     shown = labels if len(labels) <= _MOST_NAMED else [*labels[:_MOST_NAMED], f"{len(labels) - _MOST_NAMED} more"]
     if len(rivals) == 1:
-        opening = f"These recordings separate {labels[0]} from everything else that was tried."
+        opening = f"These recordings separate {labels[0]} from all that was tried and does not act exactly alike."
     else:
         each = "; ".join(f"({k}) {words}" for k, words in enumerate(shown, start=1))
         opening = f"These recordings cannot separate these explanations: {each}."
@@ -54,7 +54,7 @@ def paragraph(question: Question, advice: Advice, units: Mapping[str, str], file
         )
     how = _recording(question, advice, units, file)
     if len(rivals) == 1:
-        return f"{opening} {how} Its numbers will be known to {_intervals(advice)}."
+        return f"{opening} {how} {_intervals(advice)}"
     if advice.proposal.sure < WANTED:
         return f"{opening} {_certainty(advice)}"
     return f"{opening} {how} {_certainty(advice)}"
@@ -157,7 +157,9 @@ def _intervals(advice: Advice) -> str:
     assert best is not None
     now = np.sqrt(np.diag(np.linalg.pinv(only.information, hermitian=True)) * advice.bench.excess)
     ratios: Sequence[float] = (best.d / np.maximum(now, 1e-300)).tolist()
-    return f"{joined([f'{100 * r:.2g} %' for r in ratios])} of their present intervals"
+    little = " That is little: another recording of this kind is hardly needed." if min(ratios) > 1.0 - MATTERS else ""
+    widths = joined([f"{100 * r:.2g} %" for r in ratios])
+    return f"It would narrow the intervals of these numbers to {widths} of their present width.{little}"
 
 
 COLOURS = (style.BLUE, style.VERMILLION, style.GREEN, style.PURPLE, style.ORANGE)
