@@ -114,3 +114,8 @@ def test_a_confirmation_that_fails_is_no_attribution():
     assert d.after.chi2_dof < 1.15
     assert d.after.held_out_ratio > 2.0
     assert d.verdict == "unexplained"
+
+
+def test_a_share_that_leaves_nothing_to_fit_is_refused():
+    with pytest.raises(UserError, match="leaves nothing to fit"):
+        cut_in_folds(Record((_slid(0.4, 0.1, 1, 8.0),), ("q",), ("u",)), 1.0, (), 0.95, 0.5)

@@ -294,6 +294,7 @@ def test_files_that_are_not_recordings(tmp_path):
     (tmp_path / "twice.csv").write_text("t,q,q\n0,1,2\n")
     assert "two columns named 'q'" in refusal(tmp_path / "twice.csv")
     assert "none of its columns" in refusal(write(tmp_path / "other.csv", {"t": data["t"], "a": data["q"]}))
+    assert "has no column 't'" in refusal(write(tmp_path / "time.csv", data), columns={"q": {"column": "t"}})
     assert "no column for the input 'u'" in refusal(write(tmp_path / "free.csv", {"t": data["t"], "q": data["q"]}))
     still = {**data, "t": np.zeros(N)}
     assert "all rows have one time stamp" in refusal(write(tmp_path / "still.csv", still))

@@ -249,8 +249,8 @@ def confirm_mask(names: Sequence[str], windows: Windows, traces: Sequence[str], 
     held = np.zeros(len(windows), dtype=bool)
     if traces:
         held = np.array([names[k] in traces for k in windows.trace], dtype=bool)
-        if held.all() or not held.any():
-            word = "leaves nothing to fit" if held.all() else "names no trace that is as long as a window"
+        if not held.any():
+            word = "names no trace that is as long as a window"
             raise UserError(f"held_out {word}", remedy=f"Traces: {', '.join(names)}.")
     elif len(present) >= SEVERAL_TRACES:
         held = np.isin(windows.trace, present[-min(_part(share, len(present)), len(present) - 2) :])
@@ -260,6 +260,11 @@ def confirm_mask(names: Sequence[str], windows: Windows, traces: Sequence[str], 
         for centre in (np.arange(blocks) + 0.5) * len(windows) / blocks:
             begin = int(min(max(round(centre - 0.5 * block), 0), len(windows) - block))
             held[begin : begin + block] = True
+    if held.all():
+        raise UserError(
+            "held_out leaves nothing to fit", key="measured.held_out",
+            remedy=f"Hold out a smaller share, or fewer of the traces {', '.join(names)}.",
+        )  # fmt: skip
     return held
 
 

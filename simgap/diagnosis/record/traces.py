@@ -80,7 +80,10 @@ def read_traces(
         UserError: for a file without a state, an input that is missing, time running backwards, stamps too far apart,
             a single row, or no piece as long as a window; the message names file, row or key, and the remedy.
     """
-    found = [measured_columns(table.file, table.header, table.units, channels) for table in tables]
+    found = []
+    for table in tables:
+        header = [name for name in table.header if name != section.time.column]  # time is no channel beside
+        found.append(measured_columns(table.file, header, table.units, channels))
     measured = tuple(c.name for c in channels if all(c.name in names for names in found))
     if not measured:
         raise UserError(
