@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.arrays import Bools, Floats, Ints
-from simgap.attack.share import KEPT, share
+from simgap.attack.worst_step import KEPT, share
 from simgap.closed_loop import Judge, Record, split_by_run
 from simgap.gap.bounds.function import GapFunction
 from simgap.geometry import Grid, drawn_in_cells

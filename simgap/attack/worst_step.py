@@ -13,24 +13,102 @@ another objective.
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from simgap.arrays import Floats, Ints
-from simgap.attack.share import GapStep, SearchRecord, share
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain, GapFunction
 from simgap.gap.memory.hidden_state import InputGrid
 from simgap.gap.memory.search import Histories, directed_search
 from simgap.gap.sampling.borders import critical_points, switching_surfaces
-from simgap.gap.sampling.points import SEQUENCE, Columns, body_samples, stacked, successors
+from simgap.gap.sampling.points import SEQUENCE, Columns, body_samples, gap_ends
 from simgap.gap.sampling.samples import motion_of
 from simgap.geometry import Box, nearest_inputs
 from simgap.plants.context import Context, pose_axes
 from simgap.simulators.base import PathSimulator, Simulator
 from simgap.simulators.body_samples import REST, BodySamples
+
+KEPT = 10  # witnesses of one search
+_NARROW = 1e-300
+
+
+def share(least: Floats, largest: Floats, lo: Floats, hi: Floats) -> Floats:
+    """Distance of a gap beyond its bound, in widths of the bound: max_i max(d_i - hi_i, lo_i - d_i) / (hi_i - lo_i).
+
+    -0.5 in the middle of the bound, 0 on it, positive outside; a gap that is no number counts as outside.
+
+    Args:
+        least, largest: (n, nx) range of the gap, equal where it is one number. lo, hi: (n, nx) its bounds.
+    """
+    excess = np.maximum(largest - hi, lo - least)
+    relative = (excess / np.maximum(hi - lo, _NARROW)).max(axis=1)
+    return np.where(np.isnan(relative), np.inf, relative)
+
+
+@dataclass(frozen=True, eq=False)
+class GapStep:
+    """One step that the gap's bound was held against.
+
+    Attributes:
+        share: see `share`; x, u: (nx,), (nu,); d, lo, hi: (nx,) gap and bound, of a robot in its own frame.
+        history: (k, nu) inputs before it from rest, and heading (rad) there, where the simulator remembers them.
+    """
+
+    share: float
+    x: Floats
+    u: Floats
+    d: Floats
+    lo: Floats
+    hi: Floats
+    history: Floats | None = None
+    heading: float | None = None
+
+
+@dataclass
+class SearchRecord:
+    """Record of a search over the gap.
+
+    Attributes:
+        evaluations: steps of the simulator that were held against the bound; violations: those outside.
+        worst: the worst step; outside: the first few that lie outside, in the order in which they were found.
+        by: evaluations of each kind of search.
+    """
+
+    evaluations: int = 0
+    violations: int = 0
+    worst: GapStep | None = None
+    outside: list[GapStep] = field(default_factory=list)
+    by: Counter[str] = field(default_factory=Counter)
+
+    def see(self, kind: str, shares: Floats, step: Callable[[int], GapStep]) -> None:
+        """Take note of evaluations, (n,) shares; `step(k)` describes the k-th."""
+        self.evaluations += len(shares)
+        self.by[kind] += len(shares)
+        bad = np.flatnonzero(shares > 0.0)
+        self.violations += len(bad)
+        self.outside += [step(int(k)) for k in bad[: KEPT - len(self.outside)]]
+        if len(shares):
+            best = int(np.argmax(shares))
+            if self.worst is None or shares[best] > self.worst.share:
+                self.worst = step(best)
+
+    @staticmethod
+    def joined(parts: Sequence[SearchRecord]) -> SearchRecord:
+        """Searches side by side."""
+        out = SearchRecord()
+        for part in parts:
+            out.evaluations += part.evaluations
+            out.violations += part.violations
+            out.outside += part.outside[: KEPT - len(out.outside)]
+            if part.worst is not None and (out.worst is None or part.worst.share > out.worst.share):
+                out.worst = part.worst
+            out.by.update(part.by)
+        return out
+
 
 CLIMBERS = 64
 LARGEST_STEP, SMALLEST_STEP = 0.1, 1e-7  # shares of the width of X
@@ -263,11 +341,8 @@ def worst_steps(context: Context, gap: GapFunction, tables: Sequence[Columns]) -
     """States (n, nx) and input numbers (n,) of the worst steps of some tables of roll-outs, worst first."""
     x, u, shares = np.empty((0, len(context.states))), np.empty((0, len(context.inputs))), np.empty(0)
     for table in tables:
-        own_x, own_u = stacked(table, context.states), stacked(table, context.inputs)
-        ends = [successors(table, name) for name in context.states]
-        predicted = context.plant.sampled.step(own_x, own_u)
-        least, largest = (np.stack([pair[k] for pair in ends], axis=1) - predicted for k in (0, 1))
-        own = share(least, largest, *gap.bounds(own_x, own_u))
+        own_x, own_u, *ends = gap_ends(context.plant.sampled.step, table, context.states, context.inputs)
+        own = share(*ends, *gap.bounds(own_x, own_u))
         rows = worst_first(context.box, own_x, own, WORST)
         x, u = np.concatenate([x, own_x[rows]]), np.concatenate([u, own_u[rows]])
         shares = np.concatenate([shares, own[rows]])

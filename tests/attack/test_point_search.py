@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from simgap.attack.share import share
-from simgap.attack.worst_step import GapProblem, PointSearch, border, worst_first
+from simgap.attack.worst_step import GapProblem, PointSearch, border, share, worst_first
 from simgap.geometry import Box
 
 BOX = Box([-1.0, -2.0], [1.0, 2.0])

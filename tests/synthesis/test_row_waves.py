@@ -9,8 +9,7 @@ from simgap.geometry import Box, Grid
 from simgap.synthesis.abstraction.cells import Abstraction
 from simgap.synthesis.abstraction.intersample import SweptCells
 from simgap.synthesis.abstraction.post import reduced_cells, table_meta, table_post
-from simgap.synthesis.games.reach import reach_avoid
-from simgap.synthesis.games.reach_rows import Levels, reach_by_rows
+from simgap.synthesis.games.reach import Levels, reach_avoid, reach_by_rows
 from simgap.synthesis.games.row_moves import RowSystem
 from simgap.synthesis.input_sets import unpack
 
@@ -127,7 +126,7 @@ def test_more_entries_than_there_is_room_for(monkeypatch):
     target = np.arange(own.grid.size) % 66 < 60
     wanted = by_definition(own, *about, target, np.ones(own.grid.size, bool))
     grown = []
-    monkeypatch.setattr("simgap.synthesis.games.reach_rows.ENTRIES", 1)
+    monkeypatch.setattr("simgap.synthesis.games.reach.ENTRIES", 1)
     plain = Levels._make_room
     monkeypatch.setattr(Levels, "_make_room", lambda self, n: grown.append(n) or plain(self, n))
     system = RowSystem.of(own)

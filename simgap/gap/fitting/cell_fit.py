@@ -17,13 +17,12 @@ from simgap.errors import UserError
 from simgap.gap.bases import Blocks
 from simgap.gap.bounds.cells import CellGap
 from simgap.gap.fitting.dimension_fit import BoundInputs, DimensionFit, Sides, directed_words, guarantee
-from simgap.gap.fitting.padding import estimated_padding, local_padding
-from simgap.gap.lipschitz.grid import DimensionLipschitz
+from simgap.gap.fitting.padding import constant_padding, estimated_padding, local_padding
 from simgap.gap.lipschitz.local import OffGrid
 from simgap.gap.sampling.borders import Directed
 from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
-from simgap.gap.sampling.values import Combined, Joined, Values
-from simgap.geometry import Grid
+from simgap.gap.sampling.values import Values, combined, joined
+from simgap.geometry import Grid, mesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +60,7 @@ class BlockFit(
             of_row = member
             if directed is not None:
                 beside, risen = _beside(samples, directed, settings, up)
-                padded, factor = Joined(padded, beside), max(factor, risen)
+                padded, factor = joined(padded, beside), max(factor, risen)
                 of_row = np.concatenate([member, member[samples.where.grid.index(directed.x)]])
             tables[up] = np.full((int(np.prod(counts)), padded.shape[1] if per_input else 1), -np.inf)
             for block in padded.blocks():
@@ -75,16 +74,11 @@ class BlockFit(
         """The tables of all dimensions side by side, with the padding that is not in them yet."""
         where, settings, lipschitz = given.where, given.settings, given.lipschitz
         _, edges = _blocks(where.grid, _counts(where, settings)[0])
-        nx, inflated = len(where.states), settings.padding == "inflate"
+        nx, inflated, h = len(where.states), settings.padding == "inflate", where.moving_half_widths
+        pads = [0.0 if inflated else constant_padding(settings.padding, own.grid, h, 0.0 * h) for own in lipschitz]
         upper, below = (
-            np.stack(
-                [
-                    getattr(fit, name) + (0.0 if inflated else _reach(where, settings, known)) + floor / 16.0
-                    for fit, known, floor in zip(fits, lipschitz, where.rounding, strict=True)
-                ],
-                axis=-1,
-            )
-            for name in ("upper", "lower")
+            np.stack([getattr(fit, side) for fit in fits], axis=-1) + pads + where.rounding / 16.0
+            for side in ("upper", "lower")
         )
         lower = -below
         if not settings.signed:
@@ -109,20 +103,12 @@ def _beside(samples: DimensionSamples, directed: Directed, settings: GapSection,
     return at + (along if settings.padding == "inflate" else 0.0), max(factor, 0.0)
 
 
-def _reach(where: SampleGrid, settings: GapSection, known: DimensionLipschitz) -> float:
-    """Largest move of the gap within a cell, by its Lipschitz constants."""
-    h = where.moving_half_widths
-    if settings.padding == "per_axis":
-        return float(known.grid.constants @ h)
-    return float(known.grid.euclidean * np.linalg.norm(h))
-
-
 def _locally_padded(samples: DimensionSamples, settings: GapSection, up: bool) -> tuple[Values, float]:
     """(N, M) target of one side, with its local padding if that is the case's, and the share of rough cells."""
     if settings.padding != "inflate":
         return samples.side(up), 0.0
     pad, share = local_padding(samples, up).of_target()
-    return Combined(np.add, (samples.side(up), pad)), share
+    return combined(np.add, samples.side(up), pad), share
 
 
 def _counts(where: SampleGrid, settings: GapSection) -> tuple[tuple[int, ...], bool]:
@@ -152,8 +138,7 @@ def _blocks(grid: Grid, counts: Sequence[int]) -> tuple[Ints, tuple[Floats, ...]
         first = np.searchsorted(of_cell, np.arange(1, count))
         lo, hi = grid.box.lo[j], grid.box.hi[j]
         edges.append(np.concatenate([[lo], lo + 2.0 * grid.h[j] * first, [hi]]))
-    mesh = np.meshgrid(*index, indexing="ij")
-    return np.ravel_multi_index(tuple(m.ravel() for m in mesh), tuple(counts)), tuple(edges)
+    return np.ravel_multi_index(tuple(mesh(*index).T), tuple(counts)), tuple(edges)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +152,7 @@ class NodeFit(DimensionFit, kind="envelope", program="none: an envelope is made 
     def of(cls, samples: DimensionSamples, settings: GapSection) -> NodeFit:
         """The samples at the nodes."""
         places, cells = _nodes(samples.where, settings), samples.where.grid.cells
-        flat = np.ravel_multi_index(tuple(k.ravel() for k in np.meshgrid(*places, indexing="ij")), cells)
+        flat = np.ravel_multi_index(tuple(mesh(*places).T), cells)
         numerical = samples.floor / 16.0
         lower = samples.d[flat] - numerical
         upper = samples.ends[-1][flat] + numerical

@@ -26,7 +26,7 @@ from simgap.gap.fitting.padding import SideFit, SideProblem, fit_side, padded
 from simgap.gap.fitting.scenario import Design
 from simgap.gap.lipschitz.grid import DimensionLipschitz
 from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
-from simgap.gap.sampling.values import Centres, Combined
+from simgap.gap.sampling.values import centres, combined
 from simgap.geometry import Box
 from simgap.statistics import fewest, reach
 
@@ -80,7 +80,7 @@ class LinearFit(DimensionFit, kind="linear"):
         """Solve the scenario programs of one dimension: two sides, or one for both."""
         where, _ = samples.where, samples.ranges  # refuses samples that are not those of a known gap
         basis = basis_of(where, settings)
-        design, blank = Design(basis, Centres(where.grid), where.inputs), blank_form(basis, where)
+        design, blank = Design(basis, centres(where.grid), where.inputs), blank_form(basis, where)
         wanted = {"upper": (True,), "lower": (False,)} if settings.signed else {"both": (True, False)}
         problems = {name: SideProblem(design, samples, sides, blank) for name, sides in wanted.items()}
         return cls(basis.terms, {name: fit_side(problem, settings) for name, problem in problems.items()})
@@ -163,10 +163,10 @@ class CentreFit(
                 remedy="Use scenario or envelope.",
             )
         basis = basis_of(samples.where, settings)
-        design = Design(basis, Centres(samples.where.grid), samples.where.inputs)
+        design = Design(basis, centres(samples.where.grid), samples.where.inputs)
         d = samples.side(upper=True)
         q = design.least_squares(d) if settings.signed else np.zeros(basis.size)
-        squares = Combined(lambda own, fitted: (own - fitted) ** 2, (d, design.product(q)))
+        squares = combined(lambda own, fitted: (own - fitted) ** 2, d, design.product(q))
         scale = float(np.sqrt(squares.mean()))
         return cls(basis.terms, q, scale if scale > 0.0 else 1.0)
 

@@ -29,10 +29,8 @@ from simgap.arrays import Floats
 from simgap.errors import UserError
 from simgap.gap.bounds.basis import Basis
 from simgap.gap.json_record import JsonRecord
-from simgap.gap.sampling.values import Combined, Held, OfStates, Rows, Values, values
+from simgap.gap.sampling.values import Rows, Values, combined, of_states, values
 from simgap.late import scipy
-from simgap.late import sympy as sp
-from simgap.model.symbolic import symbol
 
 _ADD = 96  # rows that join in a round, from each kind
 _ROUNDS = 60
@@ -50,7 +48,7 @@ class Design:
     @staticmethod
     def of(basis: Basis, x: Floats, u: Floats) -> Design:
         """The design of states in memory."""
-        return Design(basis, Held(x), u)
+        return Design(basis, values(x), u)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -73,16 +71,11 @@ class Design:
 
     @cached_property
     def _functions(self) -> list[Term]:
-        return [self._compiled(e) for e in self.basis.exprs]
+        return [self.basis.compiled(e) for e in self.basis.exprs]
 
     @cached_property
     def _slope_functions(self) -> list[list[Term | None]]:
-        return [[None if e == 0 else self._compiled(e) for e in row] for row in self.basis.gradients]
-
-    def _compiled(self, expr: sp.Expr) -> Term:
-        symbols = [symbol(s) for s in (*self.basis.states, *self.basis.inputs)]
-        function: Term = sp.lambdify(symbols, expr, modules="numpy", cse=True)
-        return function
+        return [[None if e == 0 else self.basis.compiled(e) for e in row] for row in self.basis.gradients]
 
     def columns(self, x: Floats) -> list[Floats]:
         """Every term at states (n, nx), in shapes that broadcast to (n, M)."""
@@ -111,7 +104,7 @@ class Design:
                 total += part
             return total
 
-        return OfStates(summed, self.x, len(self.u))
+        return of_states(summed, self.x, len(self.u))
 
     def _parts(self) -> Iterator[tuple[float, list[Floats]]]:
         """Blocks of states as those of values of this shape: their share of all, and every term there."""
@@ -252,7 +245,7 @@ def solve_scenario(
         rounds, closed = rounds + more, closed and closed_again
     q = scaled.coefficients(y)
     fitted = design.product(q)
-    violation = max(Combined(np.subtract, (target, fitted)).ends()[1], 0.0)
+    violation = max(combined(np.subtract, target, fitted).ends()[1], 0.0)
     if closed:
         status = "solved: no sample is violated by more than the tolerance"
     else:

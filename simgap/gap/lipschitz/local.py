@@ -24,7 +24,7 @@ The smaller one is taken (`EnclosedPadding`).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -45,7 +45,7 @@ from simgap.gap.lipschitz.grid import (
     widest,
 )
 from simgap.gap.sampling.borders import Borders, Directed
-from simgap.gap.sampling.values import Combined, Held, Kept, Room, Values
+from simgap.gap.sampling.values import Kept, Room, Values, combined, in_memory, values
 from simgap.gap.thresholds import GATE
 from simgap.geometry import Grid
 
@@ -99,7 +99,7 @@ class LocalPadding:
     grid: Grid
     free: tuple[int, ...]
     floor: float
-    room: Room = field(default=Held.room)
+    room: Room = in_memory
 
     @cached_property
     def axes(self) -> tuple[int, ...]:
@@ -152,7 +152,7 @@ class LocalPadding:
         bend, pad, marked, usual = self._bend(fit), self.room(self.target.shape), 0, 0.0
         rough = [self._rough]
         if fit is not None:  # t has the jumps on samples
-            residual = Combined(np.subtract, (self.target, fit.values))
+            residual = combined(np.subtract, self.target, fit.values)
             rough.append(roughness(residual, self.grid, self.axes, self.floor, split=False))
         any_rough = any(own.any for own in rough)
         for slab in self._slabs():
@@ -259,7 +259,7 @@ class EnclosedPadding:
 
     def of_target(self) -> tuple[Values, float]:
         """Padding of t itself (q = 0): (N, M), and 0, the share of cells whose padding is no bound."""
-        none = Held(np.zeros(self.target.shape))
+        none = values(np.zeros(self.target.shape))
         return self.of_residual(FitSlopes(none, lambda j: none, np.zeros((0, 0))))
 
     def of_residual(self, fit: FitSlopes) -> tuple[Values, float]:
@@ -275,7 +275,7 @@ class EnclosedPadding:
             flat = flat + np.abs(own) * r[j]
         pad = np.maximum(np.fmin(steep, flat) + bend, 0.0) * _OUTWARD
         spread = 2.0**-50 * (np.abs(target) + np.abs(fit.values.whole()))
-        return Held(pad + 2.0 * known.rounding + spread), 0.0
+        return values(pad + 2.0 * known.rounding + spread), 0.0
 
 
 def enclosed_constants(known: CellRanges, h: Floats) -> GridLipschitz:

@@ -31,15 +31,16 @@ from simgap.gap.sampling.points import (
     Columns,
     covering_grid,
     free_axes,
+    gap_ends,
     product,
     remembers,
     stacked,
     successor_columns,
-    successors,
 )
 from simgap.gap.sampling.symmetry import shifted_states
 from simgap.gap.sampling.values import check_numbers
 from simgap.gap.thresholds import CHECK_LEVELS, LEAST_CHECKED_BORDER, MOST_BORDER_STATES
+from simgap.geometry import mesh
 from simgap.late import sympy as sp
 from simgap.model.symbolic import symbol
 from simgap.plants.context import Context
@@ -169,9 +170,9 @@ def _listed(domain: GapDomain, functions: Sequence[_Function], levels: Sequence[
             fixed[j] = np.union1d(fixed[j], _beside(domain, j, function.roots(domain, line, j)[1]))
     every = [np.union1d(own, ends) for own, ends in zip(levels, fixed, strict=True)]
     faces = [[fixed[k] if k == j else every[k] for k in range(nx)] for j in range(nx) if len(fixed[j])]
-    mesh = np.concatenate([np.empty((0, nx)), *map(_product, faces)])  # what lies inside X is never listed
-    held = np.stack([np.isin(mesh[:, j], fixed[j]) for j in range(nx)], axis=1)
-    parts = [(mesh, held, _numbered(np.where(held, mesh, np.nan)))]
+    border = np.concatenate([np.empty((0, nx)), *(mesh(*face) for face in faces)])  # what lies inside X is never listed
+    held = np.stack([np.isin(border[:, j], fixed[j]) for j in range(nx)], axis=1)
+    parts = [(border, held, _numbered(np.where(held, border, np.nan)))]
     for function in functions:
         if len(function.axes) > 1 or (function.axes and function.of_inputs):
             parts += [_along(domain, function, j, every, fixed) for j in function.axes]
@@ -189,7 +190,7 @@ def _along(
 
     Shapes (n, nx), (n, nx), (n,).
     """
-    lines = _product([every[k] if k != j else np.zeros(1) for k in range(domain.box.size)])
+    lines = mesh(*(every[k] if k != j else np.zeros(1) for k in range(domain.box.size)))
     which, roots, branch = function.roots(domain, lines, j)
     sides = [_side(domain, j, roots, side) for side in (-1.0, 0.0, 1.0)]
     x = np.repeat(lines[which], len(sides), axis=0)
@@ -230,14 +231,14 @@ class _Function:
         Roots of neighbouring lines that come as the same one of the same input are of one branch.
         """
         lo, hi = domain.box.lo[j], domain.box.hi[j]
-        mesh = np.linspace(lo, hi, _MESH)
+        levels = np.linspace(lo, hi, _MESH)
         which, ends, branches = [np.empty(0, np.int64)], [np.empty(0)], [np.empty(0, np.int64)]
         for number, u in enumerate(domain.input_set if self.of_inputs else domain.input_set[:1]):
             x = np.repeat(lines, _MESH, axis=0)
-            x[:, j] = np.tile(mesh, len(lines))
+            x[:, j] = np.tile(levels, len(lines))
             sign = np.sign(self(x, np.tile(u, (len(x), 1)))).reshape(len(lines), _MESH)
             row, column = np.nonzero((sign[:, :-1] != sign[:, 1:]) & np.isfinite(sign[:, :-1] + sign[:, 1:]))
-            left, right, before = mesh[column], mesh[column + 1], sign[row, column]
+            left, right, before = levels[column], levels[column + 1], sign[row, column]
             for _ in range(_HALVINGS):
                 middle = 0.5 * (left + right)
                 at = lines[row].copy()
@@ -270,10 +271,6 @@ def _middle(domain: GapDomain, j: int) -> Floats:
 
 def _even(domain: GapDomain, j: int) -> Floats:
     return np.linspace(domain.box.lo[j], domain.box.hi[j], _LATTICE + 2)[1:-1]
-
-
-def _product(levels: Sequence[Floats]) -> Floats:
-    return np.stack(np.meshgrid(*levels, indexing="ij"), axis=-1).reshape(-1, len(levels))
 
 
 FIT, CHECK, SHIFTED = "fit", "check", "shifted"
@@ -386,10 +383,7 @@ def border_gaps(context: Context, rolled: Columns, part: str, own: Borders) -> t
             "the samples on borders and beside switching surfaces are those of another case",
             remedy="Run `borders` again, and `scp` and `gap` after it.",
         )
-    predicted = context.plant.sampled.step(x, u)
-    ends = [successors(mine, state) for state in context.states]
-    lower, upper = (np.stack([pair[k] for pair in ends], axis=1) - predicted for k in (0, 1))
-    return x, u, lower, upper
+    return gap_ends(context.plant.sampled.step, mine, context.states, context.inputs)
 
 
 def roll_out_borders(case: Case, folder: Path, states: dict[str, Floats], inputs: Floats) -> tuple[Columns, str]:

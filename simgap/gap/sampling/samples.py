@@ -30,7 +30,7 @@ from simgap.gap.sampling.points import (
     stacked,
     successors,
 )
-from simgap.gap.sampling.values import Centres, Combined, Held, Room, Values, check_numbers
+from simgap.gap.sampling.values import Room, Values, centres, check_numbers, combined, in_memory
 from simgap.geometry import Grid
 from simgap.plants.context import Context, pose_axes
 from simgap.simulators.body_samples import BodySamples, joined
@@ -100,7 +100,7 @@ class DimensionSamples:
     d: Values
     d_upper: Values | None = None
     directed: Directed | None = None
-    room: Room = Held.room
+    room: Room = in_memory
 
     def __post_init__(self) -> None:
         shape = self.where.grid.size, len(self.where.inputs)
@@ -148,7 +148,7 @@ class DimensionSamples:
     def side(self, upper: bool) -> Values:
         """(N, M) what one side has to cover: d for `hi`, -d for `-lo`."""
         own = self.d if self.d_upper is None or not upper else self.d_upper
-        return own if upper else Combined(np.negative, (own,))
+        return own if upper else combined(np.negative, own)
 
     @cached_property
     def largest(self) -> float:
@@ -182,8 +182,8 @@ def sample_grid(context: Context, points: Points) -> SampleGrid:
     """
     grid = covering_grid(context.case, context.box, points.name)
     same = points.states.shape == (grid.size, grid.box.size) and np.array_equal(points.inputs, context.input_set)
-    centres = Centres(grid)
-    if not same or not all(np.array_equal(points.states[block], centres[block]) for block in centres.blocks()):
+    wanted = centres(grid)
+    if not same or not all(np.array_equal(points.states[block], wanted[block]) for block in wanted.blocks()):
         raise UserError("the grid was made for another case", remedy="Run the grid stage again, and those after it.")
     names = tuple(context.states), tuple(context.inputs)
     free = free_axes(context.case)
@@ -208,7 +208,7 @@ def known_gap(context: Context) -> ClosedFormGap | None:
 
 
 def dimension_samples(
-    context: Context, points: Points, shards: Sequence[Columns], i: int, room: Room = Held.room
+    context: Context, points: Points, shards: Sequence[Columns], i: int, room: Room = in_memory
 ) -> DimensionSamples:
     """The signed gap of dimension i on the grid, from shards in order; `room` is where it is kept.
 
