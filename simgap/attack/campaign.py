@@ -26,6 +26,7 @@ from simgap.arrays import Bools, Floats, Ints
 from simgap.attack.worst_step import KEPT, share
 from simgap.closed_loop import Judge, Record, split_by_run
 from simgap.gap.bounds.function import GapFunction
+from simgap.gap.json_record import JsonRecord
 from simgap.geometry import Grid, drawn_in_cells
 from simgap.plants.context import Context
 from simgap.simulators.base import Simulator
@@ -339,12 +340,12 @@ class BrokenRun:
 
 
 @dataclass
-class Campaign:
+class Campaign(JsonRecord, names={"outside_gamma": "steps_outside_gamma", "by": "steps_by_rule"}):
     """Counts over the runs against one plant.
 
     Attributes:
         runs, steps: made; violations: runs that broke the promise; outside_gamma: steps.
-        ends: runs by their end; by: steps by rule. broken: the first few broken runs.
+        ends: runs by their end; by: steps by rule. broken: the first few broken runs, which are not written.
     """
 
     runs: int = 0
@@ -353,15 +354,7 @@ class Campaign:
     outside_gamma: int = 0
     ends: Counter[str] = field(default_factory=Counter)
     by: Counter[str] = field(default_factory=Counter)
-    broken: list[BrokenRun] = field(default_factory=list)
-
-    def to_json(self) -> dict[str, Any]:
-        """The counts as plain data."""
-        return {
-            "runs": self.runs, "steps": self.steps, "violations": self.violations,
-            "steps_outside_gamma": self.outside_gamma, "ends": dict(sorted(self.ends.items())),
-            "steps_by_rule": self.by,
-        }  # fmt: skip
+    broken: list[BrokenRun] = field(default_factory=list, repr=False)
 
     @staticmethod
     def joined(parts: Sequence[Campaign]) -> Campaign:

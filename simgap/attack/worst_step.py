@@ -341,8 +341,8 @@ def worst_steps(context: Context, gap: GapFunction, tables: Sequence[Columns]) -
     """States (n, nx) and input numbers (n,) of the worst steps of some tables of roll-outs, worst first."""
     x, u, shares = np.empty((0, len(context.states))), np.empty((0, len(context.inputs))), np.empty(0)
     for table in tables:
-        own_x, own_u, *ends = gap_ends(context.plant.sampled.step, table, context.states, context.inputs)
-        own = share(*ends, *gap.bounds(own_x, own_u))
+        own_x, own_u, least, largest = gap_ends(context.plant.sampled.step, table, context.states, context.inputs)
+        own = share(least, largest, *gap.bounds(own_x, own_u))
         rows = worst_first(context.box, own_x, own, WORST)
         x, u = np.concatenate([x, own_x[rows]]), np.concatenate([u, own_u[rows]])
         shares = np.concatenate([shares, own[rows]])

@@ -181,16 +181,6 @@ class Toward(Monitor):
         """Least distance to obstacles and walls along a path (k, nx)."""
         return self.surroundings.least(path)
 
-    def levels(self, run: Run) -> Ints:
-        """Worst-case steps to the target at each sample, from what was measured and remembered: (k + 1,), -1 where
-        losing."""
-        return self.solution.levels(run.measured, run.memory)
-
-    def arrived(self, measured: Floats) -> bool:
-        """True if what is measured (nx,) is the end of a run, whatever is pending."""
-        cell = self._find(measured)
-        return cell >= 0 and self._ended[cell]
-
     def in_target(self, x: Floats) -> Bools:
         """True where states are in the target's box: (n, nx) -> (n,); along periodic states in any of its copies."""
         inside = np.ones(len(x), np.bool_)
@@ -211,7 +201,7 @@ class Toward(Monitor):
         assert run.clearance is not None
         hit = first_touch(run.clearance) if len(run.inputs) else None
         run = run if hit is None else run.until(hit)
-        levels = self.levels(run)
+        levels = self.solution.levels(run.measured, run.memory)
         end, kept = (self.surroundings.touched, False) if hit is not None else self.ended(run, levels, steps)
         safe = (np.arange(len(run.x)) < len(run.x) - (hit is not None)) & self.unbroken(run, levels)
         figures = self.measured(run, levels, hit is not None)
@@ -246,14 +236,6 @@ class Toward(Monitor):
             "steps_that_left_the_certified_box": int(sum(o.figures["climbs"] for o in outcomes)),
             key: near,
         }
-
-    @cached_property
-    def _find(self) -> Any:
-        return self.solution.grid.finder()
-
-    @cached_property
-    def _ended(self) -> list[bool]:
-        return self.solution.ended.tolist()  # a list answers faster than an array, one element at a time
 
 
 NOT_FREE = "every cell of the target is inside an obstacle or too near to one or to a wall"
@@ -333,8 +315,7 @@ class Reaching(Specification):
 
         The margin is (nx,), or (2, nx): from obstacles, and from walls.
         """
-        both = np.broadcast_to(space.vector(self.clearance) + margin, (2, space.size))
-        keep, walls = both
+        keep, walls = np.broadcast_to(space.vector(self.clearance) + margin, (2, space.size))
         lo, hi = grid.box.lo + walls, grid.box.hi - walls
         lo[list(grid.periodic)], hi[list(grid.periodic)] = -np.inf, np.inf
         if np.any(lo >= hi):
@@ -465,8 +446,17 @@ class Arriving(Toward):
     """A run ends in a cell of the target."""
 
     def over(self, x: Floats, measured: Floats) -> bool:
-        """A run ends where the controller knows that it has arrived: (nx,), (nx,)."""
-        return self.arrived(measured)
+        """A run ends where the controller knows that it has arrived, whatever is pending: (nx,), (nx,)."""
+        cell = self._find(measured)
+        return cell >= 0 and self._ended[cell]
+
+    @cached_property
+    def _find(self) -> Any:
+        return self.solution.grid.finder()
+
+    @cached_property
+    def _ended(self) -> list[bool]:
+        return self.solution.ended.tolist()  # a list answers faster than an array, one element at a time
 
     def over_each(self, x: Floats, measured: Floats) -> Bools:
         """The same for many runs: (n, nx), (n, nx) -> (n,)."""

@@ -160,7 +160,7 @@ def test_local_padding_covers_the_cell(function, eps):
     """d anywhere in a cell exceeds its sample by at most the padding: a dense scan is the oracle."""
     samples = on_grid(function, eps)
     target = samples.dimension(1).side(upper=True)
-    pad, _ = LocalPadding(target, samples.grid, (), 1e-14).of_target()
+    pad, _ = LocalPadding(target, samples.grid, (), 1e-14).of()
     rng = np.random.default_rng(2)
     for _ in range(20):
         inside = samples.grid.centres() + samples.grid.h * rng.uniform(-1, 1, (samples.grid.size, 2))
@@ -174,7 +174,7 @@ def test_local_padding_does_not_trust_the_samples_of_the_fit():
     grid = Grid(X, [10, 10])
     target = given(np.zeros((grid.size, 1)))
     curvature = np.array([[0.0, 0.0], [0.0, 400.0]])
-    pad, _ = LocalPadding(target, grid, (), 0.0).of_residual(FitSlopes(target, lambda j: target, curvature))
+    pad, _ = LocalPadding(target, grid, (), 0.0).of(FitSlopes(target, lambda j: target, curvature))
     assert pad.ends()[0] >= 0.5 * 400.0 * grid.h[1] ** 2 * (1 - 1e-12)
 
 
@@ -242,8 +242,8 @@ def test_local_paddings_in_pieces_are_the_same_bits(monkeypatch, tmp_path, jump)
 
     def results(room):
         own = LocalPadding(given(t), grid, (), 0.0, room)
-        pad, share = own.of_residual(fit)
-        return pad.whole(), np.array(share), *own.along(beside, fit), own.of_target()[0].whole()
+        pad, share = own.of(fit)
+        return pad.whole(), np.array(share), *own.along(beside, fit), own.of()[0].whole()
 
     whole = results(in_memory)
     assert (whole[1] > 0.0) == (jump > 0.0)

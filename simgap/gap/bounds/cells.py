@@ -80,7 +80,7 @@ class CellGap(GapFunction):
             lo, hi = where.get(name, (-np.inf, np.inf))
             margin = 1e-9 * (edges[-1] - edges[0])  # a border is of both cells, as in `_touched`
             axes.append((edges[:-1] <= hi + margin) & (edges[1:] >= lo - margin))
-        more = np.where(mesh(*axes).all(axis=1)[:, None, None], by, 0.0)
+        more = np.where(np.all(mesh(*axes), axis=1, keepdims=True)[..., None], by, 0.0)
         return replace(self, lower=self.lower - more, upper=self.upper + more)
 
     def _kernel(self) -> Kernel:

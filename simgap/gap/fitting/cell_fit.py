@@ -16,7 +16,7 @@ from simgap.config.gap import GapSection
 from simgap.errors import UserError
 from simgap.gap.bases import Blocks
 from simgap.gap.bounds.cells import CellGap
-from simgap.gap.fitting.dimension_fit import BoundInputs, DimensionFit, Sides, directed_words, guarantee
+from simgap.gap.fitting.dimension_fit import BoundInputs, DimensionFit, Sides, guarantee
 from simgap.gap.fitting.padding import constant_padding, estimated_padding, local_padding
 from simgap.gap.lipschitz.local import OffGrid
 from simgap.gap.sampling.borders import Directed
@@ -88,9 +88,8 @@ class BlockFit(
         nodes = tuple(0.5 * (e[:-1] + e[1:]) for e in edges)
         shares = zip([fit.rough_share for fit in fits], [known.grid.rough_share for known in lipschitz], strict=True)
         rough = [padded if inflated else estimated for padded, estimated in shares]
-        beside = directed_words(where.states, max(fit.directed for fit in fits), [fit.factor for fit in fits])
-        used = [known.grid for known in lipschitz]
-        tiers = guarantee("inflate" if inflated else "cells", where.states, used, rough, beside)
+        directed, factors = max(fit.directed for fit in fits), [fit.factor for fit in fits]
+        tiers = guarantee("inflate" if inflated else "cells", given, rough, directed, factors)
         return CellGap(where.domain, tiers, edges, nodes, lower, upper, np.zeros((nx, nx))), [{} for _ in fits]
 
 
@@ -107,7 +106,7 @@ def _locally_padded(samples: DimensionSamples, settings: GapSection, up: bool) -
     """(N, M) target of one side, with its local padding if that is the case's, and the share of rough cells."""
     if settings.padding != "inflate":
         return samples.side(up), 0.0
-    pad, share = local_padding(samples, up).of_target()
+    pad, share = local_padding(samples, up).of()
     return combined(np.add, samples.side(up), pad), share
 
 
@@ -185,8 +184,7 @@ class NodeFit(DimensionFit, kind="envelope", program="none: an envelope is made 
                 above = below = np.maximum(above, below)
             upper[:, :, i], lower[:, :, i] = above, -below
             factors.append(max(rise, fall))
-        beside = directed_words(where.states, len(directed[0].x) if directed else 0, factors)
-        tiers = guarantee("cells", where.states, [known.grid for known in lipschitz], rough, beside)
+        tiers = guarantee("cells", given, rough, len(directed[0].x) if directed else 0, factors)
         return CellGap(where.domain, tiers, edges, nodes, lower, upper, slopes), [{} for _ in fits]
 
 

@@ -229,7 +229,7 @@ def _inflate(problem: SideProblem, settings: GapSection) -> SideFit:
     for count in range(1, _PASSES + 1):
         q = result.coefficients
         values, known, form = problem.design.product(q), problem.fit(q), with_coefficients(problem.blank, q)
-        pads = [padding.of_residual(known) for padding in local]
+        pads = [padding.of(known) for padding in local]
         top = max(pad.ends()[1] for pad, _ in pads)
         mean = float(np.mean([pad.mean() for pad, _ in pads]))
         rough = max(share for _, share in pads)

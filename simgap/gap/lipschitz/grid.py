@@ -163,7 +163,9 @@ def slabs(grid: Grid, inputs: int, reach: int) -> Iterator[Slab]:
         layers = sum(last - first for first, last in ranges)
         cells = [layers if j == axis else own for j, own in enumerate(grid.cells)]
         ends = tuple((first * rows, last * rows) for first, last in ranges)
-        yield Slab(Grid(grid.box, cells, periodic), ends, axis, inner, a * rows, tuple(_some(inputs, layers * rows)))
+        step = max(1, PIECE // (layers * rows))
+        some = tuple(slice(first, min(first + step, inputs)) for first in range(0, inputs, step))
+        yield Slab(Grid(grid.box, cells, periodic), ends, axis, inner, a * rows, some)
 
 
 def _wrapped(first: int, last: int, count: int) -> list[tuple[int, int]]:
@@ -175,12 +177,6 @@ def _wrapped(first: int, last: int, count: int) -> list[tuple[int, int]]:
         found.append((start, stop))
         first += stop - start
     return found
-
-
-def _some(inputs: int, rows: int) -> Iterator[slice]:
-    step = max(1, PIECE // rows)
-    for first in range(0, inputs, step):
-        yield slice(first, min(first + step, inputs))
 
 
 @dataclass(frozen=True)

@@ -113,14 +113,6 @@ class LocalPadding:
     def _slabs(self) -> Iterator[Slab]:
         return slabs(self.grid, self.target.shape[1], REACH)
 
-    def of_target(self) -> tuple[Values, float]:
-        """Padding of t itself (q = 0): (N, M), and the share of rough cells."""
-        return self._padding(None)
-
-    def of_residual(self, fit: FitSlopes) -> tuple[Values, float]:
-        """Padding of t - q.p: (N, M), and the share of rough cells."""
-        return self._padding(fit)
-
     def along(self, beside: OffGrid, fit: FitSlopes | None = None) -> tuple[Floats, Floats]:
         """Largest moves of t - q.p from samples beside the grid: along their surface, across it; (E, M) each.
 
@@ -148,7 +140,8 @@ class LocalPadding:
         moving = np.array([h if j in self.axes else 0.0 for j, h in enumerate(self.grid.h)])
         return 0.5 * float(moving @ fit.curvature @ moving) if fit is not None and fit.curvature.size else 0.0
 
-    def _padding(self, fit: FitSlopes | None) -> tuple[Values, float]:
+    def of(self, fit: FitSlopes | None = None) -> tuple[Values, float]:
+        """Padding of t - q.p, of t itself without a fit: (N, M), and the share of rough cells."""
         bend, pad, marked, usual = self._bend(fit), self.room(self.target.shape), 0, 0.0
         rough = [self._rough]
         if fit is not None:  # t has the jumps on samples
@@ -252,23 +245,16 @@ class EnclosedPadding:
     ranges: CellRanges
     upper: bool
 
-    @property
-    def axes(self) -> tuple[int, ...]:
-        """All of them."""
-        return tuple(range(len(self.ranges.reach)))
-
-    def of_target(self) -> tuple[Values, float]:
-        """Padding of t itself (q = 0): (N, M), and 0, the share of cells whose padding is no bound."""
-        none = values(np.zeros(self.target.shape))
-        return self.of_residual(FitSlopes(none, lambda j: none, np.zeros((0, 0))))
-
-    def of_residual(self, fit: FitSlopes) -> tuple[Values, float]:
-        """Padding of t - q.p: (N, M), and 0."""
+    def of(self, fit: FitSlopes | None = None) -> tuple[Values, float]:
+        """Padding of t - q.p, of t itself without a fit: (N, M), and 0, the share of cells where it is no bound."""
+        if fit is None:
+            none = values(np.zeros(self.target.shape))
+            fit = FitSlopes(none, lambda j: none, np.zeros((0, 0)))
         known, r, curvature, target = self.ranges, self.ranges.reach, fit.curvature, self.target.whole()
         sign, top, centre = (1.0, known.hi, known.centre_hi) if self.upper else (-1.0, -known.lo, -known.centre_lo)
         bend = 0.5 * float(r @ curvature @ r) if curvature.size else 0.0
         steep, flat = centre - target, top - target
-        for j in self.axes:
+        for j in range(len(r)):
             own = fit.slope(j).whole()
             a, b = sign * known.slope_lo[..., j], sign * known.slope_hi[..., j]
             steep = steep + np.maximum(np.abs(a - own), np.abs(b - own)) * r[j]

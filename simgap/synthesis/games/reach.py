@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +27,6 @@ from simgap.synthesis.games.nodes import NodeStep, least_fixed_point
 from simgap.synthesis.games.row_moves import Moves, RowSystem, moves_of, with_common_sweeps, words_of_a_row
 from simgap.synthesis.games.row_waves import place, settle, spread, stage_size
 from simgap.synthesis.input_sets import packed_width, preferred
-
-Backend = Literal["auto", "bit_rows", "table"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,10 +59,10 @@ def reach_avoid(
     target: Bools,
     free: Bools,
     threads: int = 1,
-    backend: Backend = "auto",
     order: Ints | None = None,
     kind: Ints | None = None,
     late: bool = False,
+    by_rows: bool = True,
 ) -> Reach:
     """Nodes from which the target is reached in bounded time through free cells, whatever the disturbance does.
 
@@ -73,27 +71,22 @@ def reach_avoid(
         target: cells to reach, (cells,), or nodes, (nodes,); those that are not free do not count.
         free: cells that a run may visit, (cells,).
         threads: rows are shared among this many threads; the result does not depend on it.
-        backend: `bit_rows` where some axis allows it and else `table`, unless one is asked for.
         order: all inputs from the one that is liked best, (M,), of which each node's first admissible one is recorded
             in the place of all: two bytes a node instead of a bit for each input. A controller whose rule has that
             order (`controller.least_effort`) applies the same inputs.
         kind: (M,) class of each input; all of one class when None.
         late: whether inputs act a sample after they are chosen; a node has then one of them too.
+        by_rows: whether bit rows may be used where some axis allows them.
 
     Raises:
-        UserError: `bit_rows` asked for where every axis matters.
+        UserError: swept boxes of inputs that act at once, where no axis allows bit rows.
     """
     every = [boxes] if isinstance(boxes, Abstraction) else list(boxes)
     inputs = len(every[0].inputs)
     kind = np.zeros(inputs, np.int64) if kind is None else kind
-    found = [] if late or backend == "table" else [RowSystem.of(a) for a in every]
+    found = [RowSystem.of(a) for a in every] if by_rows and not late else []
     rows = [own for own in found if own is not None]
     by_rows = len(rows) == len(every)
-    if not by_rows and backend == "bit_rows":
-        raise UserError(
-            "no axis allows bit rows: every offset depends on it, it is periodic, or the boxes differ too much",
-            remedy="Use the table backend",
-        )
     if not by_rows and not late and any(a.swept is not None for a in every):
         raise UserError(
             "the path between samples is checked on bit rows only, and no axis allows them",
