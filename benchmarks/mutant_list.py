@@ -414,7 +414,7 @@ MUTANTS: list[Mutant] = [
             "return self.upper if upper else -self.lower",
             "return self.lower if upper else -self.lower",
         ),
-        ("X has no upper faces", "np.array([domain.box.lo[j], domain.box.hi[j]])", "np.array([domain.box.lo[j]])"),
+        ("X has no upper faces", "else [domain.box.lo[j], domain.box.hi[j]])", "else [domain.box.lo[j]])"),
         (
             "surfaces have one side",
             "parts += [_along(domain, function, j, every, fixed) for j in function.axes]",
@@ -437,8 +437,8 @@ MUTANTS: list[Mutant] = [
         ("the padding per axis is not added", "raised = reach + fit.missing", "raised = fit.missing"),
         (
             "the gap's own constants are left out",
-            "reach = float((lipschitz.constants + form.gradient_bound) @ h)",
-            "reach = float(form.gradient_bound @ h)",
+            "return float((lipschitz.constants + gradient) @ h)",
+            "return float(gradient @ h)",
         ),
     ),
     *_of(

@@ -334,8 +334,8 @@ class Reaching(Specification):
         box, grid = self.goal_box(game.space), game.grid
         lo, hi = box.lo + game.error, box.hi - game.error
         for j, name in enumerate(game.space.states):
-            room = hi[j] - lo[j]
-            if np.isfinite(room) and (room <= 0 or not cells_within(grid, _slab(j, lo, hi)).any()):
+            room, ends = hi[j] - lo[j], {name: (lo[j], hi[j])}
+            if not (room > 0 and cells_within(grid, partial_box(ends, game.space.states)).any()):
                 raise UserError(
                     f"no cell fits into the target along {name}: it leaves {room:.6g}, a cell is {2 * grid.h[j]:.6g} "
                     "wide",
@@ -403,13 +403,6 @@ class Reaching(Specification):
             zorder=3,
             label="arena",
         )
-
-
-def _slab(j: int, lo: Floats, hi: Floats) -> Box:
-    """The interval of one state, other states free."""
-    low, high = np.full(lo.size, -np.inf), np.full(lo.size, np.inf)
-    low[j], high[j] = lo[j], hi[j]
-    return Box(low, high)
 
 
 REACHED, BESIDE = "reached the target", "ended beside the target"

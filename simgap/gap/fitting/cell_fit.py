@@ -21,7 +21,7 @@ from simgap.gap.fitting.padding import constant_padding, estimated_padding, loca
 from simgap.gap.lipschitz.local import OffGrid
 from simgap.gap.sampling.borders import Directed
 from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
-from simgap.gap.sampling.values import Values, combined, joined
+from simgap.gap.sampling.values import combined, joined
 from simgap.geometry import Grid, mesh
 
 
@@ -56,8 +56,10 @@ class BlockFit(
         member, _ = _blocks(samples.where.grid, counts)
         tables, rough, factor, directed = {}, 0.0, 0.0, samples.beside
         for up in (True, False):
-            padded, share = _locally_padded(samples, settings, up)
-            of_row = member
+            padded, share, of_row = samples.side(up), 0.0, member
+            if settings.padding == "inflate":
+                pad, share = local_padding(samples, up).of()
+                padded = combined(np.add, padded, pad)
             if directed is not None:
                 beside, risen = _beside(samples, directed, settings, up)
                 padded, factor = joined(padded, beside), max(factor, risen)
@@ -100,14 +102,6 @@ def _beside(samples: DimensionSamples, directed: Directed, settings: GapSection,
     along, across = estimated_padding(samples, up).along(beside)
     factor = float(((at - target[beside.cells]) / np.maximum(across, samples.floor)).max())
     return at + (along if settings.padding == "inflate" else 0.0), max(factor, 0.0)
-
-
-def _locally_padded(samples: DimensionSamples, settings: GapSection, up: bool) -> tuple[Values, float]:
-    """(N, M) target of one side, with its local padding if that is the case's, and the share of rough cells."""
-    if settings.padding != "inflate":
-        return samples.side(up), 0.0
-    pad, share = local_padding(samples, up).of()
-    return combined(np.add, samples.side(up), pad), share
 
 
 def _counts(where: SampleGrid, settings: GapSection) -> tuple[tuple[int, ...], bool]:

@@ -82,11 +82,6 @@ class PaddedSide:
         }  # fmt: skip
 
 
-def with_coefficients(blank: Form, coefficients: Floats) -> Form:
-    """q.p, q (z,), with the ranges that `blank` has of the basis."""
-    return replace(blank, coefficients=coefficients)
-
-
 def numerical(form: Form, floor: float) -> float:
     """Rounding of q.p at the samples and of the sampled gap itself."""
     return form.rounding + floor / 16.0
@@ -99,7 +94,7 @@ def padded(
 
     L1 is of the signed gap (L(|d|) <= L(d)) and an estimate; L2 of q.p is an analytic bound.
     """
-    form, reach = with_coefficients(blank, fit.scenario.coefficients), 0.0
+    form, reach = replace(blank, coefficients=fit.scenario.coefficients), 0.0
     if padding != "inflate":
         reach = constant_padding(padding, lipschitz, where.moving_half_widths, form.gradient_bound)
         fit = replace(fit, padding=reach, padding_mean=reach, rough_share=lipschitz.rough_share)
@@ -161,7 +156,7 @@ class SideProblem:
 
     def fit(self, q: Floats) -> FitSlopes:
         """q.p at the samples of the grid, as a padding needs it."""
-        design, form = replace(self.design, x=centres(self.samples.where.grid)), with_coefficients(self.blank, q)
+        design, form = replace(self.design, x=centres(self.samples.where.grid)), replace(self.blank, coefficients=q)
         return FitSlopes(design.product(q), lambda j: design.slope(q, j), form.hessian_bound)
 
 
@@ -207,7 +202,7 @@ def _shortfall(problem: SideProblem, directed: Directed, settings: GapSection, f
     allow across the surface (1 or less: they said the truth).
     """
     q, samples = fit.scenario.coefficients, problem.samples
-    form, known = with_coefficients(problem.blank, q), problem.fit(q)
+    form, known = replace(problem.blank, coefficients=q), problem.fit(q)
     there = Design.of(problem.design.basis, directed.x, problem.design.u).product(q).whole()
     short, factor = -np.inf, 0.0
     for up, at, target in zip(problem.sides, problem.beside_targets, problem.targets, strict=True):
@@ -228,7 +223,7 @@ def _inflate(problem: SideProblem, settings: GapSection) -> SideFit:
     fits: list[tuple[float, SideFit]] = []
     for count in range(1, _PASSES + 1):
         q = result.coefficients
-        values, known, form = problem.design.product(q), problem.fit(q), with_coefficients(problem.blank, q)
+        values, known, form = problem.design.product(q), problem.fit(q), replace(problem.blank, coefficients=q)
         pads = [padding.of(known) for padding in local]
         top = max(pad.ends()[1] for pad, _ in pads)
         mean = float(np.mean([pad.mean() for pad, _ in pads]))
