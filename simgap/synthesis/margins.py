@@ -365,7 +365,7 @@ def one_step_margins(
     shape = layout(grid.cells, grid.periodic)
     tables = np.empty((known.winning.shape[1], table_size(shape, n)), np.int32)
     for c in range(len(tables)):
-        count_holes(np.ascontiguousarray(known.winning[:, c]).astype(np.uint8), shape, n, tables[c])
+        count_holes(known.winning[:, c], shape, n, tables[c])
     header = frame.header
     free = without_ends(header, np.array([j in on for j in range(n)]))
     factor, extra = np.full(grid.size, np.nan), np.full((grid.size, n), np.nan)

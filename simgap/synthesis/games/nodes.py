@@ -88,7 +88,7 @@ class NodeStep:
         for own, a in zip(out, boxes, strict=True):
             if a.swept is not None:
                 table = np.empty(table_size(shape, n), np.int32)
-                count_holes(free.view(np.uint8), shape, n, table)
+                count_holes(free, shape, n, table)
                 clear, _ = admissible_inputs(a.paths(), table, np.ones(len(free), np.uint8), self._threads)
                 own &= unpack(clear, len(a.inputs))
         return out
@@ -105,9 +105,9 @@ class NodeStep:
         holes, quiet = np.empty((classes, size), np.int32), np.empty((classes * self._late + 1, size), np.int32)
         here, new = (np.any(s, axis=-1) if self._late else s[..., 0] for s in (inside, news))
         for c in range(classes):
-            count_holes(here[c].view(np.uint8), shape, n, holes[c])
+            count_holes(here[c], shape, n, holes[c])
         for own, table in zip((*(new if self._late else ()), new.any(axis=0)), quiet, strict=True):
-            count_holes((~own).view(np.uint8), shape, n, table)
+            count_holes(~own, shape, n, table)
         allowed = words_of(inside) if self._late else np.zeros((classes, 0, 0), np.uint8)
         found, look = np.zeros(todo.shape, np.uint8), todo.view(np.uint8)
         for c, post in enumerate(self._posts):
