@@ -37,7 +37,7 @@ from simgap.geometry import Grid, mesh
 from simgap.late import njit
 from simgap.model.kernel_cache import cached_kernel
 from simgap.model.sampled import NominalModel
-from simgap.synthesis.abstraction.cells import count_holes, layout, table_size
+from simgap.synthesis.abstraction.cells import count_holes, layout
 from simgap.synthesis.abstraction.post import Frame, Kernel, cell_box, image, reduced_cells, to_cells, without_ends
 from simgap.synthesis.input_sets import crop, padded, to_bytes, to_words, window_and
 
@@ -363,9 +363,7 @@ def one_step_margins(
     on |= set(range(n)) if gap_axes is None else set(gap_axes)
     others = tuple(j for j in range(n) if j not in on)
     shape = layout(grid.cells, grid.periodic)
-    tables = np.empty((known.winning.shape[1], table_size(shape, n)), np.int32)
-    for c in range(len(tables)):
-        count_holes(known.winning[:, c], shape, n, tables[c])
+    tables = np.stack([count_holes(own, shape, n) for own in known.winning.T])
     header = frame.header
     free = without_ends(header, np.array([j in on for j in range(n)]))
     factor, extra = np.full(grid.size, np.nan), np.full((grid.size, n), np.nan)

@@ -68,23 +68,18 @@ def layout(cells: tuple[int, ...], periodic: tuple[int, ...]) -> Ints:
     return out
 
 
-def table_size(shape: Ints, n: int) -> int:
-    """Numbers in the table of `layout(...)`, (4, 4), on n axes."""
-    return int(np.prod(shape[2, :n]))
-
-
-def count_holes(inside: NDArray[Any], shape: Ints, n: int, table: Counts) -> None:
-    """Fill `table` with the summed-area counts of the cells where `inside` (flat, row-major) is 0."""
+def count_holes(inside: NDArray[Any], shape: Ints, n: int) -> Counts:
+    """Summed-area counts of the cells where `inside` (flat, row-major) is 0: the table of `layout(...)`, flat."""
     cells, periodic, lengths = shape[:3, :n]
     holes = (inside.reshape(cells) == 0).astype(np.int32)
     for j in np.flatnonzero(periodic):
         holes = np.concatenate([holes, holes], axis=j)
-    counts = table.reshape(lengths)
-    counts[:] = 0
+    counts = np.zeros(lengths, np.int32)
     np.cumsum(holes, axis=-1, dtype=np.int32, out=counts[(slice(1, None),) * n])
     for j in range(n - 1):
         for before, layer in pairwise(np.moveaxis(counts, j, 0)):
             layer += before
+    return counts.reshape(-1)
 
 
 @njit(cache=True, nogil=True)
