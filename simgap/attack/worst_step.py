@@ -8,6 +8,9 @@ batches, so that the cost is that of the simulator.
 Of a robot with hidden state a candidate is a sequence of inputs from rest at a heading. Every step of it is compared
 with the bound in the robot's own frame, and counts. The search is that of the bound itself (`gap.memory.search`), on
 another objective.
+
+What all of them look for is the `share` of a bound's width by which a gap lies outside it; a `SearchRecord` keeps what
+they find.
 """
 
 from __future__ import annotations
