@@ -388,21 +388,12 @@ class Reaching(Specification):
     def draw(self, axes: Any, space: Space, shown: tuple[int, int], look: Look) -> None:
         """Target, obstacles and the border of the arena."""
         arena, (face, edge) = self.region(space), look.target
-        rectangle(
-            axes, projected(self.goal_box(space), arena, shown), facecolor=face, edgecolor=edge, lw=1.0, label="target"
-        )
+        target, border = (projected(box, arena, shown) for box in (self.goal_box(space), arena))
+        rectangle(axes, target, facecolor=face, edgecolor=edge, lw=1.0, label="target")
         for box in self.boxes(space):
             if any(np.isfinite([box.lo[j], box.hi[j]]).any() for j in shown):
                 rectangle(axes, projected(box, arena, shown), facecolor=look.obstacle, lw=0, label="obstacle")
-        rectangle(
-            axes,
-            projected(arena, arena, shown),
-            facecolor="none",
-            edgecolor=look.border,
-            lw=2.0,
-            zorder=3,
-            label="arena",
-        )
+        rectangle(axes, border, facecolor="none", edgecolor=look.border, lw=2.0, zorder=3, label="arena")
 
 
 REACHED, BESIDE = "reached the target", "ended beside the target"
