@@ -207,13 +207,8 @@ class PointSearch:
 
     def _climb(self, x: Floats, m: Ints, shares: Floats) -> None:
         """Climbers from these, in order, then from random places."""
-        taken = CLIMBERS
-        own_x, own_m, own = _take(x, m, shares, 0, CLIMBERS)
-        if len(own) < CLIMBERS:
-            more_x, more_m = self._random(CLIMBERS - len(own))
-            own_x, own_m = np.concatenate([own_x, more_x]), np.concatenate([own_m, more_m])
-            own = np.concatenate([own, self.evaluate(more_x, more_m, "climbing")])
-        size = np.full(CLIMBERS, LARGEST_STEP)
+        own_x, own_m, own = self._beginners(x, m, shares, CLIMBERS)
+        size, taken = np.full(CLIMBERS, LARGEST_STEP), CLIMBERS
         while self.left > 0:
             tried_x, tried_m = self._proposals(own_x, own_m, size)
             tried = self.evaluate(tried_x.reshape(-1, self.q.box.size), tried_m.ravel(), "climbing")
@@ -226,12 +221,17 @@ class PointSearch:
             size = np.where(better, np.minimum(1.6 * size, LARGEST_STEP), 0.4 * size)
             done = np.flatnonzero(size < SMALLEST_STEP)
             if len(done):
-                new_x, new_m, new = _take(x, m, shares, taken, len(done))
-                taken += len(done)
-                more_x, more_m = self._random(len(done) - len(new))
-                fresh = self.evaluate(more_x, more_m, "climbing")
-                own_x[done], own_m[done] = np.concatenate([new_x, more_x]), np.concatenate([new_m, more_m])
-                own[done], size[done] = np.concatenate([new, fresh]), LARGEST_STEP
+                left = x[taken:], m[taken:], shares[taken:]
+                own_x[done], own_m[done], own[done] = self._beginners(*left, len(done))
+                size[done], taken = LARGEST_STEP, taken + len(done)
+
+    def _beginners(self, x: Floats, m: Ints, shares: Floats, count: int) -> tuple[Floats, Ints, Floats]:
+        """States, inputs and shares of so many climbers: the first of these, and random ones where there are fewer."""
+        more_x, more_m = self._random(max(0, count - len(x)))
+        more = self.evaluate(more_x, more_m, "climbing")
+        pairs = (x[:count], more_x), (m[:count], more_m), (shares[:count], more)
+        x, m, shares = (np.concatenate(pair) for pair in pairs)
+        return x, m, shares
 
     def _proposals(self, x: Floats, m: Ints, size: Floats) -> tuple[Floats, Ints]:
         """Moves both ways along each axis, one at random, to neighbouring inputs, to any input: (P, K, nx), (P, K)."""
@@ -276,11 +276,6 @@ class PointSearch:
             cost, bounds, maxiter=rounds, popsize=15, tol=0.0, atol=-1.0, rng=self.rng, polish=False,
             integrality=[False] * box.size + [True], vectorized=True, updating="deferred", init="sobol",
         )  # fmt: skip
-
-
-def _take(x: Floats, m: Ints, shares: Floats, first: int, count: int) -> tuple[Floats, Ints, Floats]:
-    rows = slice(first, first + count)
-    return x[rows].copy(), m[rows].copy(), shares[rows].copy()
 
 
 def neighbours(inputs: Floats) -> Ints:
@@ -342,13 +337,13 @@ def places_of_jumps(context: Context, domain: GapDomain) -> Floats:
 
 def worst_steps(context: Context, gap: GapFunction, tables: Sequence[Columns]) -> tuple[Floats, Ints]:
     """States (n, nx) and input numbers (n,) of the worst steps of some tables of roll-outs, worst first."""
-    x, u, shares = np.empty((0, len(context.states))), np.empty((0, len(context.inputs))), np.empty(0)
+    found = []
     for table in tables:
         own_x, own_u, least, largest = gap_ends(context.plant.sampled.step, table, context.states, context.inputs)
         own = share(least, largest, *gap.bounds(own_x, own_u))
         rows = worst_first(context.box, own_x, own, WORST)
-        x, u = np.concatenate([x, own_x[rows]]), np.concatenate([u, own_u[rows]])
-        shares = np.concatenate([shares, own[rows]])
+        found.append((own_x[rows], own_u[rows], own[rows]))
+    x, u, shares = (np.concatenate(part) for part in zip(*found, strict=True))
     order = worst_first(context.box, x, shares, WORST)
     return x[order], nearest_inputs(context.input_set, u[order])
 

@@ -114,8 +114,8 @@ def gap(context: Context, made: Made) -> Bound:
     fits = [read_back(fit_from_json, made.scp[n]) for n in names]
     known = [read_back(DimensionLipschitz.from_json, made.lipschitz[n]) for n in names]
     step = context.plant.sampled.step
-    names_of = context.states, context.inputs
-    drawn = Calibration(*gap_ends(step, made.calibration, *names_of)[:3]) if made.calibration else None
+    both = context.states, context.inputs
+    drawn = Calibration(*gap_ends(step, made.calibration, *both)[:3]) if made.calibration else None
     if made.borders is None:
         raise UserError(NO_BORDERS, remedy=MAKE_BORDERS)
     directed = tuple(directed_samples(context, made.points.name, made.borders, i) for i in range(len(names)))
@@ -124,7 +124,7 @@ def gap(context: Context, made: Made) -> Bound:
     added = [own for own in (stair, shifts.largest if shifts is not None else None) if own is not None]
     deviation = np.sum(added, axis=0) if added else None
     result = assemble(where, section, fits, known, drawn, directed, deviation)
-    x, u, d, _ = gap_ends(step, made.fresh, *names_of)
+    x, u, d, _ = gap_ends(step, made.fresh, *both)
     check_drawn(context, x, u)
     check = check_fresh(result.function, x, u, d, section.confidence)
     tolerate(check, section.tolerated_probability, WIDER if section.bound == "conformal" else FINER)

@@ -411,7 +411,6 @@ class ReachAvoid(Reaching):
         caption="Runs of the controller made for the nominal model alone (left) and of the gap-aware one (right) in "
         "the simulator, and from the same starts on the nominal model (grey, dashed).",
         kept="in the target without touching anything",
-        allowed="free cells",
         promise="reaches the target",
         violated="touches something",
         limits="arena",
@@ -469,7 +468,6 @@ class ReachAndStay(Reaching):
         caption="Runs of the controller made for the nominal model alone and of the gap-aware one in the simulator (in "
         "colour), and from the same starts on the nominal model (grey, dashed).",
         kept="in the target and still there at the end",
-        allowed="free cells",
         promise="reaches the target and stays there for ever",
         violated="touches something or leaves the target",
         limits="arena",

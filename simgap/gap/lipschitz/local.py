@@ -151,7 +151,7 @@ class LocalPadding:
         for slab in self._slabs():
             of_slab, own = _Read(slab, self, fit), _rows(slab, self.target)
             for some in slab.inputs:
-                own[..., some] = of_slab.total(some) + bend
+                own[..., some] = sum(part for _, part in of_slab.parts(some)) + bend
                 if any_rough:
                     marks = of_slab.marks(rough, some)
                     marked += int(marks.sum())
@@ -209,13 +209,6 @@ class _Read:
             step = steps(self.field[..., some], j, grid)
             beside = to_cells(step, j, grid, expected) + turns(step, j, grid, axes)
             yield j, 0.5 * self.slab.own(widest(beside, grid, axes))
-
-    def total(self, some: slice) -> Floats:
-        """Sum of the shares of all axes."""
-        found: Floats = np.zeros(1)
-        for _, part in self.parts(some):
-            found = found + part
-        return found
 
     def marks(self, rough: list[Roughness], some: slice) -> Bools:
         """Rough cells of the target and of the residual."""
