@@ -76,8 +76,8 @@ def count_holes(inside: NDArray[Any], shape: Ints, n: int) -> Counts:
         holes = np.concatenate([holes, holes], axis=j)
     counts = np.zeros(lengths, np.int32)
     np.cumsum(holes, axis=-1, dtype=np.int32, out=counts[(slice(1, None),) * n])
-    for j in range(n - 1):
-        for before, layer in pairwise(np.moveaxis(counts, j, 0)):
+    for axis in range(n - 1):
+        for before, layer in pairwise(np.moveaxis(counts, axis, 0)):
             layer += before
     return counts.reshape(-1)
 
