@@ -15,7 +15,6 @@ they find.
 
 from __future__ import annotations
 
-import itertools
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -24,7 +23,7 @@ import numpy as np
 
 from simgap.arrays import Floats, Ints
 from simgap.gap.bounds.body_frame import BodyFrameGap
-from simgap.gap.bounds.function import GapDomain, GapFunction
+from simgap.gap.bounds.function import GapFunction
 from simgap.gap.memory.hidden_state import InputGrid
 from simgap.gap.memory.search import Histories, directed_search
 from simgap.gap.sampling.borders import critical_points, switching_surfaces
@@ -131,7 +130,7 @@ class GapProblem:
             one.
         step: the nominal map. bounds: of the gap, (n, nx), (n, nu) -> two (n, nx).
         box: X; inputs: U, (M, nu); free: axes on which nothing depends.
-        places: (n, nx) states to look at under every input; corners, edges and faces of X if not given.
+        places: (n, nx) states to look at under every input, such as those of `critical_points`.
     """
 
     successors: Callable[[Floats, Floats], tuple[Floats, Floats]]
@@ -139,15 +138,15 @@ class GapProblem:
     bounds: Callable[[Floats, Floats], tuple[Floats, Floats]]
     box: Box
     inputs: Floats
+    places: Floats
     free: tuple[int, ...] = ()
-    places: Floats | None = None
 
     @staticmethod
     def of(context: Context, simulator: Simulator, gap: GapFunction) -> GapProblem:
         """Search for a simulator that is a function of state and input, or a range of it where commands are late."""
         step, domain = context.plant.sampled.step, gap.domain
-        places = places_of_jumps(context, domain)
-        return GapProblem(simulator.spread, step, gap.bounds, context.box, context.input_set, domain.free, places)
+        places = critical_points(domain, switching_surfaces(context), most=MOST_PLACES).x
+        return GapProblem(simulator.spread, step, gap.bounds, context.box, context.input_set, places, domain.free)
 
 
 class PointSearch:
@@ -196,11 +195,10 @@ class PointSearch:
     def _beginnings(self, x: Floats, m: Ints) -> tuple[Floats, Ints, Floats]:
         """Known bad steps and all places under all inputs, worst first; no more than a share of the budget."""
         places, count = self.q.places, len(self.q.inputs)
-        edge = border(self.q.box, self.q.free) if places is None else places
-        most, every = int(BEGINNING * self.budget), len(edge) * count
+        most, every = int(BEGINNING * self.budget), len(places) * count
         known = min(len(x), max(most // 2, most - every))
         rows = np.sort(self.rng.choice(every, min(every, most - known), replace=False))
-        x, m = np.concatenate([x[:known], edge[rows // count]]), np.concatenate([m[:known], rows % count])
+        x, m = np.concatenate([x[:known], places[rows // count]]), np.concatenate([m[:known], rows % count])
         shares = self.evaluate(x, m, "worst known steps, border of X, switching surfaces")
         order = np.argsort(-shares, kind="stable")
         return x[order], m[order], shares[order]
@@ -305,21 +303,6 @@ def worst_first(box: Box, x: Floats, shares: Floats, count: int) -> Ints:
     return np.lexsort((-shares, rank))[:count]
 
 
-def border(box: Box, free: tuple[int, ...] = (), between: int = 5) -> Floats:
-    """Corners, edges, faces and centre of X, with `between` points along what each of them leaves free: (n, nx).
-
-    Axes in `free`, on which nothing depends, stay in the middle.
-    """
-    levels = [
-        np.array([0.5 * (lo + hi)]) if j in free else np.linspace(lo, hi, between + 2)
-        for j, (lo, hi) in enumerate(zip(box.lo, box.hi, strict=True))
-    ]
-    points = np.array(list(itertools.product(*levels)))
-    ends = (points == box.lo) | (points == box.hi)
-    middle = np.all(points == 0.5 * (box.lo + box.hi), axis=1)
-    return points[ends.any(axis=1) | middle]
-
-
 def pinned_to_border(box: Box, rng: np.random.Generator, count: int, free: tuple[int, ...] = ()) -> Floats:
     """Random points with each coordinate at an end of X every third time: (count, nx)."""
     x = box.sample(rng, count)
@@ -327,12 +310,6 @@ def pinned_to_border(box: Box, rng: np.random.Generator, count: int, free: tuple
     pinned = rng.integers(0, 3, x.shape) == 0
     pinned[:, list(free)] = False
     return np.where(pinned, ends, x)
-
-
-def places_of_jumps(context: Context, domain: GapDomain) -> Floats:
-    """States where a gap may jump, (n, nx): the border of X, and both sides of the switching surfaces of the case."""
-    beside = critical_points(domain, switching_surfaces(context), most=MOST_PLACES).x
-    return np.unique(np.concatenate([border(context.box, domain.free), beside]), axis=0)
 
 
 def worst_steps(context: Context, gap: GapFunction, tables: Sequence[Columns]) -> tuple[Floats, Ints]:
