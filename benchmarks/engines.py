@@ -94,7 +94,7 @@ def main() -> None:
         row: dict[str, Any] = {"of": a, "against": b}
         row["violations"] = check_fresh(result.function, x, u, fresh).violations
         for dim in result.dimensions:
-            row[dim.state] = {"largest": dim.largest_gap, "sup": dim.sup.size, "sup_width": dim.sup.width}
+            row[dim.state] = {"largest": dim.largest_sampled_gap, "sup": dim.sup_size, "sup_width": dim.sup_width}
         rows.append(row)
         sizes = "".join(f"{row[s]['largest']:>11.3g}{row[s]['sup_width']:>11.3g}" for s in context.states)
         print(f"{a + ' - ' + b:64}{sizes}{row['violations']:>6}", flush=True)

@@ -199,8 +199,8 @@ MUTANTS: list[Mutant] = [
         KERNELS,
         (
             "a box across the seam leaves the count",
-            "total += np.int32(1) - inside[source + (i3 if i3 < c[3] else i3 - c[3])]",
-            "total += np.int32(1) - inside[source + (i3 if i3 < c[3] else 0)]",
+            "holes = np.concatenate([holes, holes], axis=j)",
+            "holes = np.concatenate([holes, 0 * holes], axis=j)",
         ),
         ("a box that leaves below is kept", "if lo < 0 or hi >= cells:", "if hi >= cells:"),
         ("a box that leaves above is kept", "if lo < 0 or hi >= cells:", "if lo < 0 or hi > cells:"),
@@ -414,7 +414,7 @@ MUTANTS: list[Mutant] = [
             "return self.upper if upper else -self.lower",
             "return self.lower if upper else -self.lower",
         ),
-        ("X has no upper faces", "np.array([domain.box.lo[j], domain.box.hi[j]])", "np.array([domain.box.lo[j]])"),
+        ("X has no upper faces", "else [domain.box.lo[j], domain.box.hi[j]])", "else [domain.box.lo[j]])"),
         (
             "surfaces have one side",
             "parts += [_along(domain, function, j, every, fixed) for j in function.axes]",
@@ -437,8 +437,8 @@ MUTANTS: list[Mutant] = [
         ("the padding per axis is not added", "raised = reach + fit.missing", "raised = fit.missing"),
         (
             "the gap's own constants are left out",
-            "reach = float((lipschitz.constants + form.gradient_bound) @ h)",
-            "reach = float(form.gradient_bound @ h)",
+            "return float((lipschitz.constants + gradient) @ h)",
+            "return float(gradient @ h)",
         ),
     ),
     *_of(

@@ -99,7 +99,7 @@ def _pinned_unicycle(number: int, backend: str) -> dict[str, object]:
     row = list(UNICYCLE)[number]
 
     def run() -> dict[str, object]:
-        found = reach_avoid(*unicycle(*row), backend=backend)
+        found = reach_avoid(*unicycle(*row), by_rows=backend == "bit_rows")
         counts = int(found.winning.sum()), found.steps
         return {"winning": counts[0], "steps": counts[1], "exact": counts == UNICYCLE[row]}
 
@@ -117,7 +117,7 @@ def _hundred_million() -> dict[str, object]:
     order = least_effort(problem[0].inputs)
 
     def run() -> dict[str, object]:
-        found = reach_avoid(*problem, backend="bit_rows", order=order)
+        found = reach_avoid(*problem, order=order)
         winning, chosen = int(found.winning.sum()), int((found.chosen >= 0).sum())
         return {"cells": problem[0].grid.size, "winning": winning, "steps": found.steps, "with_input": chosen}
 
@@ -212,7 +212,7 @@ def _many_inputs() -> dict[str, object]:
     problem = unicycle(0.1, 84, (9.0, 9.5))
 
     def run() -> dict[str, object]:
-        found = reach_avoid(*problem, backend="bit_rows")
+        found = reach_avoid(*problem)
         return {"winning": int(found.winning.sum()), "steps": found.steps}
 
     return _timed("(b) unicycle 0.1, 7056 inputs, bit_rows", run)

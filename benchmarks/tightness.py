@@ -102,8 +102,8 @@ def row_of(
     row |= {"check_cpu_s": round(time.process_time() - began, 2), "winning": winning(context, result, workers)}
     for dim in result.dimensions:
         row[dim.state] = {
-            "largest_sample": dim.largest_gap, "sup": dim.sup.size, "ratio": dim.ratio, "mean": dim.mean_size,
-            "sup_width": dim.sup.width, "mean_width": dim.mean_width,
+            "largest_sample": dim.largest_sampled_gap, "sup": dim.sup_size, "ratio": dim.sup_over_largest_sample,
+            "mean": dim.mean_size, "sup_width": dim.sup_width, "mean_width": dim.mean_width,
         }  # fmt: skip
     return row
 

@@ -6,12 +6,15 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from simgap.arrays import Bools, Floats, Ints
 from simgap.errors import UserError, excerpt
+
+Number = TypeVar("Number", bound=np.generic)
 
 MOST_CELLS = 2.0**53
 """Along one axis: beyond it doubles do not tell neighbouring cells apart."""
@@ -38,6 +41,11 @@ def rows(*groups: tuple[ArrayLike, Sequence[object]]) -> tuple[Floats, ...]:
     if len({len(own) for own in found}) > 1:
         raise UserError(f"points that belong together are {' and '.join(str(len(own)) for own in found)} in number")
     return tuple(found)
+
+
+def mesh(*levels: NDArray[Number]) -> NDArray[Number]:
+    """All combinations of levels, one array for each axis, those of the last running fastest: -> (n, axes)."""
+    return np.stack(np.meshgrid(*levels, indexing="ij"), axis=-1).reshape(-1, len(levels))
 
 
 def _frozen(values: ArrayLike) -> Floats:
@@ -125,8 +133,7 @@ class Grid:
 
     def centres(self) -> Floats:
         """All cell centres in row-major order, (size, n)."""
-        mesh = np.meshgrid(*(self.axis(j) for j in range(self.box.size)), indexing="ij")
-        return np.stack([m.reshape(-1) for m in mesh], axis=-1)
+        return mesh(*(self.axis(j) for j in range(self.box.size)))
 
     def index(self, x: Floats) -> Ints:
         """Flat index of the cell holding each point, -1 outside: (m, n) -> (m,). Periodic axes wrap."""

@@ -15,17 +15,18 @@ import itertools
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simgap.arrays import Bools, Floats, Ints
-from simgap.attack.share import KEPT, share
+from simgap.attack.worst_step import KEPT, share
 from simgap.closed_loop import Judge, Record, split_by_run
 from simgap.gap.bounds.function import GapFunction
+from simgap.gap.json_record import JsonRecord
 from simgap.geometry import Grid, drawn_in_cells
 from simgap.plants.context import Context
 from simgap.simulators.base import Simulator
@@ -68,12 +69,7 @@ class ControlLaw:
 
     def acting(self, memory: Ints, last: Ints) -> Ints:
         """The input that acts now whatever is chosen, where inputs are late; else the `last` one, (n,) each."""
-        return self.applied(memory, np.zeros_like(memory))[0] if self.solution.late else last
-
-    def applied(self, memory: Ints, decided: Ints) -> tuple[Ints, Ints]:
-        """Inputs that act now, and the memory afterwards: (n,), (n,) -> (n,), (n,)."""
-        now, after = self.solution.step(memory, decided)
-        return np.asarray(now, np.int64), np.asarray(after, np.int64)
+        return self.solution.step(memory, np.zeros_like(memory))[0] if self.solution.late else last
 
     def options(self, x: Floats, memory: Ints) -> Options:
         """At true states (n, nx) and memories (n,)."""
@@ -339,12 +335,12 @@ class BrokenRun:
 
 
 @dataclass
-class Campaign:
+class Campaign(JsonRecord, names={"outside_gamma": "steps_outside_gamma", "by": "steps_by_rule"}):
     """Counts over the runs against one plant.
 
     Attributes:
         runs, steps: made; violations: runs that broke the promise; outside_gamma: steps.
-        ends: runs by their end; by: steps by rule. broken: the first few broken runs.
+        ends: runs by their end; by: steps by rule. broken: the first few broken runs, which are not written.
     """
 
     runs: int = 0
@@ -353,15 +349,7 @@ class Campaign:
     outside_gamma: int = 0
     ends: Counter[str] = field(default_factory=Counter)
     by: Counter[str] = field(default_factory=Counter)
-    broken: list[BrokenRun] = field(default_factory=list)
-
-    def to_json(self) -> dict[str, Any]:
-        """The counts as plain data."""
-        return {
-            "runs": self.runs, "steps": self.steps, "violations": self.violations,
-            "steps_outside_gamma": self.outside_gamma, "ends": dict(sorted(self.ends.items())),
-            "steps_by_rule": self.by,
-        }  # fmt: skip
+    broken: list[BrokenRun] = field(default_factory=list, repr=False)
 
     @staticmethod
     def joined(parts: Sequence[Campaign]) -> Campaign:
@@ -475,7 +463,7 @@ def play(
         acting = law.acting(memory[alive], last[alive])
         m = choose(rule, scene, space.wrapped(x[alive]), acting, last[alive], k, own, rng)
         record.measured[k, alive] = x[alive] + law.corners[options.corner[going][np.arange(len(m)), m]]
-        now, memory[alive] = law.applied(memory[alive], m)
+        now, memory[alive] = law.solution.step(memory[alive], m)
         x[alive], near = plants.advance(x[alive], law.inputs[now], last[alive])
         last[alive] = now
         record.add(k, alive, x[alive], now, memory[alive], near)
@@ -514,8 +502,11 @@ def attack_loops(
     most = case.validation.steps if case.validation is not None else 2000
     judge = Judge(space, monitor, most, inputs, model, gap, solution)
 
+    def bounds(x: Floats, u: Floats, before: Ints) -> tuple[Floats, Floats]:
+        return gap.bounds_after(space.wrapped(x), u, before)
+
     def predict(x: Floats, m: Ints, before: Ints) -> Floats:
-        lo, hi = gap.bounds_after(space.wrapped(x), inputs[m], before)
+        lo, hi = bounds(x, inputs[m], before)
         return model.step(x, inputs[m]) + 0.5 * (lo + hi)
 
     def use(x: Floats, m: Ints) -> Floats:
@@ -527,17 +518,10 @@ def attack_loops(
     memoryless = case.hidden_state is None and not simulator.remembers
     plant: Plants = RolledOut(simulator) if memoryless else OneByOne(simulator, monitor)
     scene = Scene(predict, use if memoryless else None, danger, inputs, solution.late)
-    modelled = Scene(predict, None, danger, inputs, solution.late)
-    disturbed = WorstDisturbance(
-        model.step, lambda x, u, before: gap.bounds_after(space.wrapped(x), u, before), danger, monitor, rng
-    )
-
-    def starts(count: int) -> Floats:
-        return worst.draw(count, rng)
-
+    simulated = Opponent(plant, judge, True, TOGETHER if memoryless else 1, holds)
+    disturbed = Opponent(WorstDisturbance(model.step, bounds, danger, monitor, rng), judge, False, TOGETHER, holds)
+    attack = partial(campaign, law=law, starts=partial(worst.draw, rng=rng), budget=steps, rng=rng)
     return {
-        "simulator": campaign(
-            Opponent(plant, judge, True, TOGETHER if memoryless else 1, holds), law, scene, starts, steps, rng
-        ),
-        "disturbance": campaign(Opponent(disturbed, judge, False, TOGETHER, holds), law, modelled, starts, steps, rng),
+        "simulator": attack(simulated, scene=scene),
+        "disturbance": attack(disturbed, scene=replace(scene, gap_share=None)),
     }

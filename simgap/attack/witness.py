@@ -10,7 +10,7 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.attack.campaign import BrokenRun
-from simgap.attack.share import GapStep
+from simgap.attack.worst_step import GapStep
 from simgap.errors import UserError
 from simgap.gap.fitting.acceptance import worst_outside
 from simgap.gap.json_record import JsonRecord

@@ -8,29 +8,109 @@ batches, so that the cost is that of the simulator.
 Of a robot with hidden state a candidate is a sequence of inputs from rest at a heading. Every step of it is compared
 with the bound in the robot's own frame, and counts. The search is that of the bound itself (`gap.memory.search`), on
 another objective.
+
+What all of them look for is the `share` of a bound's width by which a gap lies outside it; a `SearchRecord` keeps what
+they find.
 """
 
 from __future__ import annotations
 
-import itertools
+from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from simgap.arrays import Floats, Ints
-from simgap.attack.share import GapStep, SearchRecord, share
 from simgap.gap.bounds.body_frame import BodyFrameGap
-from simgap.gap.bounds.function import GapDomain, GapFunction
+from simgap.gap.bounds.function import GapFunction
 from simgap.gap.memory.hidden_state import InputGrid
 from simgap.gap.memory.search import Histories, directed_search
 from simgap.gap.sampling.borders import critical_points, switching_surfaces
-from simgap.gap.sampling.points import SEQUENCE, Columns, body_samples, stacked, successors
+from simgap.gap.sampling.points import SEQUENCE, Columns, body_samples, gap_ends
 from simgap.gap.sampling.samples import motion_of
 from simgap.geometry import Box, nearest_inputs
 from simgap.plants.context import Context, pose_axes
 from simgap.simulators.base import PathSimulator, Simulator
 from simgap.simulators.body_samples import REST, BodySamples
+
+KEPT = 10  # witnesses of one search
+_NARROW = 1e-300
+
+
+def share(least: Floats, largest: Floats, lo: Floats, hi: Floats) -> Floats:
+    """Distance of a gap beyond its bound, in widths of the bound: max_i max(d_i - hi_i, lo_i - d_i) / (hi_i - lo_i).
+
+    -0.5 in the middle of the bound, 0 on it, positive outside; a gap that is no number counts as outside.
+
+    Args:
+        least, largest: (n, nx) range of the gap, equal where it is one number. lo, hi: (n, nx) its bounds.
+    """
+    excess = np.maximum(largest - hi, lo - least)
+    relative = (excess / np.maximum(hi - lo, _NARROW)).max(axis=1)
+    return np.where(np.isnan(relative), np.inf, relative)
+
+
+@dataclass(frozen=True, eq=False)
+class GapStep:
+    """One step that the gap's bound was held against.
+
+    Attributes:
+        share: see `share`; x, u: (nx,), (nu,); d, lo, hi: (nx,) gap and bound, of a robot in its own frame.
+        history: (k, nu) inputs before it from rest, and heading (rad) there, where the simulator remembers them.
+    """
+
+    share: float
+    x: Floats
+    u: Floats
+    d: Floats
+    lo: Floats
+    hi: Floats
+    history: Floats | None = None
+    heading: float | None = None
+
+
+@dataclass
+class SearchRecord:
+    """Record of a search over the gap.
+
+    Attributes:
+        evaluations: steps of the simulator that were held against the bound; violations: those outside.
+        worst: the worst step; outside: the first few that lie outside, in the order in which they were found.
+        by: evaluations of each kind of search.
+    """
+
+    evaluations: int = 0
+    violations: int = 0
+    worst: GapStep | None = None
+    outside: list[GapStep] = field(default_factory=list)
+    by: Counter[str] = field(default_factory=Counter)
+
+    def see(self, kind: str, shares: Floats, step: Callable[[int], GapStep]) -> None:
+        """Take note of evaluations, (n,) shares; `step(k)` describes the k-th."""
+        self.evaluations += len(shares)
+        self.by[kind] += len(shares)
+        bad = np.flatnonzero(shares > 0.0)
+        self.violations += len(bad)
+        self.outside += [step(int(k)) for k in bad[: KEPT - len(self.outside)]]
+        if len(shares):
+            best = int(np.argmax(shares))
+            if self.worst is None or shares[best] > self.worst.share:
+                self.worst = step(best)
+
+    @staticmethod
+    def joined(parts: Sequence[SearchRecord]) -> SearchRecord:
+        """Searches side by side."""
+        out = SearchRecord()
+        for part in parts:
+            out.evaluations += part.evaluations
+            out.violations += part.violations
+            out.outside += part.outside[: KEPT - len(out.outside)]
+            if part.worst is not None and (out.worst is None or part.worst.share > out.worst.share):
+                out.worst = part.worst
+            out.by.update(part.by)
+        return out
+
 
 CLIMBERS = 64
 LARGEST_STEP, SMALLEST_STEP = 0.1, 1e-7  # shares of the width of X
@@ -50,7 +130,7 @@ class GapProblem:
             one.
         step: the nominal map. bounds: of the gap, (n, nx), (n, nu) -> two (n, nx).
         box: X; inputs: U, (M, nu); free: axes on which nothing depends.
-        places: (n, nx) states to look at under every input; corners, edges and faces of X if not given.
+        places: (n, nx) states to look at under every input, such as those of `critical_points`.
     """
 
     successors: Callable[[Floats, Floats], tuple[Floats, Floats]]
@@ -58,15 +138,15 @@ class GapProblem:
     bounds: Callable[[Floats, Floats], tuple[Floats, Floats]]
     box: Box
     inputs: Floats
+    places: Floats
     free: tuple[int, ...] = ()
-    places: Floats | None = None
 
     @staticmethod
     def of(context: Context, simulator: Simulator, gap: GapFunction) -> GapProblem:
         """Search for a simulator that is a function of state and input, or a range of it where commands are late."""
         step, domain = context.plant.sampled.step, gap.domain
-        places = places_of_jumps(context, domain)
-        return GapProblem(simulator.spread, step, gap.bounds, context.box, context.input_set, domain.free, places)
+        places = critical_points(domain, switching_surfaces(context), most=MOST_PLACES).x
+        return GapProblem(simulator.spread, step, gap.bounds, context.box, context.input_set, places, domain.free)
 
 
 class PointSearch:
@@ -115,24 +195,18 @@ class PointSearch:
     def _beginnings(self, x: Floats, m: Ints) -> tuple[Floats, Ints, Floats]:
         """Known bad steps and all places under all inputs, worst first; no more than a share of the budget."""
         places, count = self.q.places, len(self.q.inputs)
-        edge = border(self.q.box, self.q.free) if places is None else places
-        most, every = int(BEGINNING * self.budget), len(edge) * count
+        most, every = int(BEGINNING * self.budget), len(places) * count
         known = min(len(x), max(most // 2, most - every))
         rows = np.sort(self.rng.choice(every, min(every, most - known), replace=False))
-        x, m = np.concatenate([x[:known], edge[rows // count]]), np.concatenate([m[:known], rows % count])
+        x, m = np.concatenate([x[:known], places[rows // count]]), np.concatenate([m[:known], rows % count])
         shares = self.evaluate(x, m, "worst known steps, border of X, switching surfaces")
         order = np.argsort(-shares, kind="stable")
         return x[order], m[order], shares[order]
 
     def _climb(self, x: Floats, m: Ints, shares: Floats) -> None:
         """Climbers from these, in order, then from random places."""
-        taken = CLIMBERS
-        own_x, own_m, own = _take(x, m, shares, 0, CLIMBERS)
-        if len(own) < CLIMBERS:
-            more_x, more_m = self._random(CLIMBERS - len(own))
-            own_x, own_m = np.concatenate([own_x, more_x]), np.concatenate([own_m, more_m])
-            own = np.concatenate([own, self.evaluate(more_x, more_m, "climbing")])
-        size = np.full(CLIMBERS, LARGEST_STEP)
+        own_x, own_m, own = self._beginners(x, m, shares, CLIMBERS)
+        size, taken = np.full(CLIMBERS, LARGEST_STEP), CLIMBERS
         while self.left > 0:
             tried_x, tried_m = self._proposals(own_x, own_m, size)
             tried = self.evaluate(tried_x.reshape(-1, self.q.box.size), tried_m.ravel(), "climbing")
@@ -145,12 +219,17 @@ class PointSearch:
             size = np.where(better, np.minimum(1.6 * size, LARGEST_STEP), 0.4 * size)
             done = np.flatnonzero(size < SMALLEST_STEP)
             if len(done):
-                new_x, new_m, new = _take(x, m, shares, taken, len(done))
-                taken += len(done)
-                more_x, more_m = self._random(len(done) - len(new))
-                fresh = self.evaluate(more_x, more_m, "climbing")
-                own_x[done], own_m[done] = np.concatenate([new_x, more_x]), np.concatenate([new_m, more_m])
-                own[done], size[done] = np.concatenate([new, fresh]), LARGEST_STEP
+                left = x[taken:], m[taken:], shares[taken:]
+                own_x[done], own_m[done], own[done] = self._beginners(*left, len(done))
+                size[done], taken = LARGEST_STEP, taken + len(done)
+
+    def _beginners(self, x: Floats, m: Ints, shares: Floats, count: int) -> tuple[Floats, Ints, Floats]:
+        """States, inputs and shares of so many climbers: the first of these, and random ones where there are fewer."""
+        more_x, more_m = self._random(max(0, count - len(x)))
+        more = self.evaluate(more_x, more_m, "climbing")
+        pairs = (x[:count], more_x), (m[:count], more_m), (shares[:count], more)
+        x, m, shares = (np.concatenate(pair) for pair in pairs)
+        return x, m, shares
 
     def _proposals(self, x: Floats, m: Ints, size: Floats) -> tuple[Floats, Ints]:
         """Moves both ways along each axis, one at random, to neighbouring inputs, to any input: (P, K, nx), (P, K)."""
@@ -197,11 +276,6 @@ class PointSearch:
         )  # fmt: skip
 
 
-def _take(x: Floats, m: Ints, shares: Floats, first: int, count: int) -> tuple[Floats, Ints, Floats]:
-    rows = slice(first, first + count)
-    return x[rows].copy(), m[rows].copy(), shares[rows].copy()
-
-
 def neighbours(inputs: Floats) -> Ints:
     """For each input those nearest to it, two for each component, each component in shares of its range: (M, k)."""
     scale = np.maximum(inputs.max(axis=0) - inputs.min(axis=0), 1e-300)
@@ -229,21 +303,6 @@ def worst_first(box: Box, x: Floats, shares: Floats, count: int) -> Ints:
     return np.lexsort((-shares, rank))[:count]
 
 
-def border(box: Box, free: tuple[int, ...] = (), between: int = 5) -> Floats:
-    """Corners, edges, faces and centre of X, with `between` points along what each of them leaves free: (n, nx).
-
-    Axes in `free`, on which nothing depends, stay in the middle.
-    """
-    levels = [
-        np.array([0.5 * (lo + hi)]) if j in free else np.linspace(lo, hi, between + 2)
-        for j, (lo, hi) in enumerate(zip(box.lo, box.hi, strict=True))
-    ]
-    points = np.array(list(itertools.product(*levels)))
-    ends = (points == box.lo) | (points == box.hi)
-    middle = np.all(points == 0.5 * (box.lo + box.hi), axis=1)
-    return points[ends.any(axis=1) | middle]
-
-
 def pinned_to_border(box: Box, rng: np.random.Generator, count: int, free: tuple[int, ...] = ()) -> Floats:
     """Random points with each coordinate at an end of X every third time: (count, nx)."""
     x = box.sample(rng, count)
@@ -253,24 +312,15 @@ def pinned_to_border(box: Box, rng: np.random.Generator, count: int, free: tuple
     return np.where(pinned, ends, x)
 
 
-def places_of_jumps(context: Context, domain: GapDomain) -> Floats:
-    """States where a gap may jump, (n, nx): the border of X, and both sides of the switching surfaces of the case."""
-    beside = critical_points(domain, switching_surfaces(context), most=MOST_PLACES).x
-    return np.unique(np.concatenate([border(context.box, domain.free), beside]), axis=0)
-
-
 def worst_steps(context: Context, gap: GapFunction, tables: Sequence[Columns]) -> tuple[Floats, Ints]:
     """States (n, nx) and input numbers (n,) of the worst steps of some tables of roll-outs, worst first."""
-    x, u, shares = np.empty((0, len(context.states))), np.empty((0, len(context.inputs))), np.empty(0)
+    found = []
     for table in tables:
-        own_x, own_u = stacked(table, context.states), stacked(table, context.inputs)
-        ends = [successors(table, name) for name in context.states]
-        predicted = context.plant.sampled.step(own_x, own_u)
-        least, largest = (np.stack([pair[k] for pair in ends], axis=1) - predicted for k in (0, 1))
+        own_x, own_u, least, largest = gap_ends(context.plant.sampled.step, table, context.states, context.inputs)
         own = share(least, largest, *gap.bounds(own_x, own_u))
         rows = worst_first(context.box, own_x, own, WORST)
-        x, u = np.concatenate([x, own_x[rows]]), np.concatenate([u, own_u[rows]])
-        shares = np.concatenate([shares, own[rows]])
+        found.append((own_x[rows], own_u[rows], own[rows]))
+    x, u, shares = (np.concatenate(part) for part in zip(*found, strict=True))
     order = worst_first(context.box, x, shares, WORST)
     return x[order], nearest_inputs(context.input_set, u[order])
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -41,18 +41,17 @@ from simgap.gap.sampling.points import (
     AFTER_PREVIOUS,
     Columns,
     Points,
+    Step,
     free_axes,
+    gap_ends,
     known_radius,
     remembers,
-    stacked,
-    successors,
 )
 from simgap.gap.sampling.samples import check_drawn, motion_of, read_back, sample_grid, steps_of
 from simgap.gap.sampling.symmetry import SymmetryDeviation
 from simgap.plants.context import Context
 from simgap.simulators.findings import to_stop
 
-Step = Callable[[Floats, Floats], Floats]
 THINNED = 20_000  # samples kept for pictures
 REMEMBERED = Tier(
     2,
@@ -115,7 +114,8 @@ def gap(context: Context, made: Made) -> Bound:
     fits = [read_back(fit_from_json, made.scp[n]) for n in names]
     known = [read_back(DimensionLipschitz.from_json, made.lipschitz[n]) for n in names]
     step = context.plant.sampled.step
-    drawn = Calibration(*_gaps(context, step, made.calibration)) if made.calibration else None
+    both = context.states, context.inputs
+    drawn = Calibration(*gap_ends(step, made.calibration, *both)[:3]) if made.calibration else None
     if made.borders is None:
         raise UserError(NO_BORDERS, remedy=MAKE_BORDERS)
     directed = tuple(directed_samples(context, made.points.name, made.borders, i) for i in range(len(names)))
@@ -124,7 +124,7 @@ def gap(context: Context, made: Made) -> Bound:
     added = [own for own in (stair, shifts.largest if shifts is not None else None) if own is not None]
     deviation = np.sum(added, axis=0) if added else None
     result = assemble(where, section, fits, known, drawn, directed, deviation)
-    x, u, d = _gaps(context, step, made.fresh)
+    x, u, d, _ = gap_ends(step, made.fresh, *both)
     check_drawn(context, x, u)
     check = check_fresh(result.function, x, u, d, section.confidence)
     tolerate(check, section.tolerated_probability, WIDER if section.bound == "conformal" else FINER)
@@ -179,16 +179,10 @@ def _thinned(context: Context, step: Step, count: int, shards: Sequence[Columns]
         parts.append({name: values[own] for name, values in shard.items()})
         first = end
     kept = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    x, u = stacked(kept, context.states), stacked(kept, context.inputs)
-    predicted = step(x, u)
+    x, u, d, upper = gap_ends(step, kept, context.states, context.inputs)
+    d[1::2] = upper[1::2]  # both ends of a range are seen
     columns = {n: x[:, j] for j, n in enumerate(context.states)} | {n: u[:, j] for j, n in enumerate(context.inputs)}
-    for j, name in enumerate(context.states):
-        least, largest = successors(kept, name)
-        d = least - predicted[:, j]
-        if largest is not least:
-            d[1::2] = (largest - predicted[:, j])[1::2]  # both ends of the range are seen
-        columns[f"gap_{name}"] = d
-    return columns
+    return columns | {f"gap_{n}": d[:, j] for j, n in enumerate(context.states)}
 
 
 def _evenly(count: int) -> Any:
@@ -204,12 +198,6 @@ def _thinned_steps(context: Context, motion: Floats, shards: Sequence[Columns]) 
     columns |= {n: context.input_set[m, j] for j, n in enumerate(context.inputs)}
     d = samples.final[rows] - motion[m]
     return columns | {f"gap_{n}": d[:, j] for j, n in enumerate(context.states)}
-
-
-def _gaps(context: Context, step: Step, rolled: Columns) -> tuple[Floats, Floats, Floats]:
-    """States, inputs and signed gap `f_hat - f` of a table of roll-outs."""
-    x, u = stacked(rolled, context.states), stacked(rolled, context.inputs)
-    return x, u, stacked(rolled, [f"next_{n}" for n in context.states]) - step(x, u)
 
 
 def reached_stops(context: Context, states: Sequence[str]) -> list[str]:

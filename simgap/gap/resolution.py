@@ -32,26 +32,15 @@ COUNTS = (4, 6, 8, 12, 16, 24, 32, 48, 96)
 """Cells along an axis that are weighed: each has an even number of points; four are the fewest that a slope takes."""
 
 
-@dataclass(frozen=True, eq=False)
-class Lines:
-    """Samples along one axis: x (LINES, POINTS, nx), u (LINES, nu), the points in the middle of as many equal parts."""
+def random_lines(box: Box, inputs: Floats, axis: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
+    """States (LINES POINTS, nx) and inputs (LINES POINTS, nu) on lines along an axis of the box.
 
-    axis: int
-    x: Floats
-    u: Floats
-
-    @staticmethod
-    def random(box: Box, inputs: Floats, axis: int, rng: np.random.Generator) -> Lines:
-        """Through random states of the box under random inputs (M, nu)."""
-        x = np.repeat(rng.uniform(box.lo, box.hi, (LINES, box.size))[:, None], POINTS, axis=1)
-        lo, hi = box.lo[axis], box.hi[axis]
-        x[:, :, axis] = lo + (hi - lo) * (np.arange(POINTS) + 0.5) / POINTS
-        return Lines(axis, x, inputs[rng.integers(0, len(inputs), LINES)])
-
-    @property
-    def rows(self) -> tuple[Floats, Floats]:
-        """States (LINES POINTS, nx) and inputs (LINES POINTS, nu)."""
-        return self.x.reshape(-1, self.x.shape[2]), np.repeat(self.u, POINTS, axis=0)
+    They go through random states under random inputs of U (M, nu), the points in the middle of as many equal parts.
+    """
+    x = np.repeat(rng.uniform(box.lo, box.hi, (LINES, box.size)), POINTS, axis=0)
+    lo, hi = box.lo[axis], box.hi[axis]
+    x[:, axis] = np.tile(lo + (hi - lo) * (np.arange(POINTS) + 0.5) / POINTS, LINES)
+    return x, np.repeat(inputs[rng.integers(0, len(inputs), LINES)], POINTS, axis=0)
 
 
 def movement(values: Floats) -> dict[int, Floats]:
@@ -179,8 +168,8 @@ def refine(path: Path, samples: int | None, tell: Callable[[str], None], workers
 def _left(context: Context, moving: list[int], tell: Callable[[str], None], workers: int) -> list[Floats]:
     """Along each axis, what the basis leaves of the gap at the points of the lines, (LINES, POINTS, nx)."""
     rng, box = np.random.default_rng(SEED), context.box
-    lines = [Lines.random(box, context.input_set, j, rng) for j in moving]
-    x, u = (np.concatenate(part) for part in zip(*(own.rows for own in lines), strict=True))
+    lines = [random_lines(box, context.input_set, j, rng) for j in moving]
+    x, u = (np.concatenate(part) for part in zip(*lines, strict=True))
     tell(f"{len(x):,} roll-outs on lines through X")
     parts = zip(np.array_split(x, workers), np.array_split(u, workers), strict=True)
     jobs = [(context.case, context.folder, a, b) for a, b in parts]

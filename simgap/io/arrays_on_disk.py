@@ -23,7 +23,7 @@ from typing import IO, Generic, TypeVar, cast
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.gap.sampling.values import Held, Kept, Room, Rows
+from simgap.gap.sampling.values import Kept, Room, Rows, in_memory
 from simgap.io.atomic import not_linked
 
 T = TypeVar("T")
@@ -98,7 +98,7 @@ _BYTES = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Stored(Kept):
+class Stored:
     """Numbers (N, M) in a temporary file in `folder`; what was not written yet has no meaning."""
 
     folder: Path
@@ -111,15 +111,11 @@ class Stored(Kept):
         object.__setattr__(self, "_file", file)
         weakref.finalize(self, file.close)
 
-    @property
-    def shape(self) -> tuple[int, int]:
-        """(N, M)."""
-        return self.count
-
-    def __getitem__(self, rows: slice | Rows) -> Floats:
+    def read(self, rows: slice | Rows) -> Floats:
+        """See `Values`."""
         width = self.count[1]
         if not isinstance(rows, slice):
-            return np.concatenate([self[k : k + 1] for k in rows]) if len(rows) else np.empty((0, width))
+            return np.concatenate([self.read(slice(k, k + 1)) for k in rows]) if len(rows) else np.empty((0, width))
         self._file.seek(rows.start * width * _BYTES)
         return np.fromfile(self._file, np.float64, (rows.stop - rows.start) * width).reshape(-1, width)
 
@@ -135,6 +131,9 @@ def room_in(folder: Path, held: int = HELD) -> Room:
     """Memory for up to `held` numbers, a temporary file in `folder` for more."""
 
     def room(shape: tuple[int, int]) -> Kept:
-        return Held.room(shape) if shape[0] * shape[1] <= held else Stored(folder, shape)
+        if shape[0] * shape[1] <= held:
+            return in_memory(shape)
+        stored = Stored(folder, shape)
+        return Kept(shape, stored.read, stored.put)
 
     return room

@@ -181,16 +181,6 @@ class Toward(Monitor):
         """Least distance to obstacles and walls along a path (k, nx)."""
         return self.surroundings.least(path)
 
-    def levels(self, run: Run) -> Ints:
-        """Worst-case steps to the target at each sample, from what was measured and remembered: (k + 1,), -1 where
-        losing."""
-        return self.solution.levels(run.measured, run.memory)
-
-    def arrived(self, measured: Floats) -> bool:
-        """True if what is measured (nx,) is the end of a run, whatever is pending."""
-        cell = self._find(measured)
-        return cell >= 0 and self._ended[cell]
-
     def in_target(self, x: Floats) -> Bools:
         """True where states are in the target's box: (n, nx) -> (n,); along periodic states in any of its copies."""
         inside = np.ones(len(x), np.bool_)
@@ -211,7 +201,7 @@ class Toward(Monitor):
         assert run.clearance is not None
         hit = first_touch(run.clearance) if len(run.inputs) else None
         run = run if hit is None else run.until(hit)
-        levels = self.levels(run)
+        levels = self.solution.levels(run.measured, run.memory)
         end, kept = (self.surroundings.touched, False) if hit is not None else self.ended(run, levels, steps)
         safe = (np.arange(len(run.x)) < len(run.x) - (hit is not None)) & self.unbroken(run, levels)
         figures = self.measured(run, levels, hit is not None)
@@ -246,14 +236,6 @@ class Toward(Monitor):
             "steps_that_left_the_certified_box": int(sum(o.figures["climbs"] for o in outcomes)),
             key: near,
         }
-
-    @cached_property
-    def _find(self) -> Any:
-        return self.solution.grid.finder()
-
-    @cached_property
-    def _ended(self) -> list[bool]:
-        return self.solution.ended.tolist()  # a list answers faster than an array, one element at a time
 
 
 NOT_FREE = "every cell of the target is inside an obstacle or too near to one or to a wall"
@@ -333,8 +315,7 @@ class Reaching(Specification):
 
         The margin is (nx,), or (2, nx): from obstacles, and from walls.
         """
-        both = np.broadcast_to(space.vector(self.clearance) + margin, (2, space.size))
-        keep, walls = both
+        keep, walls = np.broadcast_to(space.vector(self.clearance) + margin, (2, space.size))
         lo, hi = grid.box.lo + walls, grid.box.hi - walls
         lo[list(grid.periodic)], hi[list(grid.periodic)] = -np.inf, np.inf
         if np.any(lo >= hi):
@@ -353,8 +334,8 @@ class Reaching(Specification):
         box, grid = self.goal_box(game.space), game.grid
         lo, hi = box.lo + game.error, box.hi - game.error
         for j, name in enumerate(game.space.states):
-            room = hi[j] - lo[j]
-            if np.isfinite(room) and (room <= 0 or not cells_within(grid, _slab(j, lo, hi)).any()):
+            room, ends = hi[j] - lo[j], {name: (lo[j], hi[j])}
+            if not (room > 0 and cells_within(grid, partial_box(ends, game.space.states)).any()):
                 raise UserError(
                     f"no cell fits into the target along {name}: it leaves {room:.6g}, a cell is {2 * grid.h[j]:.6g} "
                     "wide",
@@ -407,28 +388,12 @@ class Reaching(Specification):
     def draw(self, axes: Any, space: Space, shown: tuple[int, int], look: Look) -> None:
         """Target, obstacles and the border of the arena."""
         arena, (face, edge) = self.region(space), look.target
-        rectangle(
-            axes, projected(self.goal_box(space), arena, shown), facecolor=face, edgecolor=edge, lw=1.0, label="target"
-        )
+        target, border = (projected(box, arena, shown) for box in (self.goal_box(space), arena))
+        rectangle(axes, target, facecolor=face, edgecolor=edge, lw=1.0, label="target")
         for box in self.boxes(space):
             if any(np.isfinite([box.lo[j], box.hi[j]]).any() for j in shown):
                 rectangle(axes, projected(box, arena, shown), facecolor=look.obstacle, lw=0, label="obstacle")
-        rectangle(
-            axes,
-            projected(arena, arena, shown),
-            facecolor="none",
-            edgecolor=look.border,
-            lw=2.0,
-            zorder=3,
-            label="arena",
-        )
-
-
-def _slab(j: int, lo: Floats, hi: Floats) -> Box:
-    """The interval of one state, other states free."""
-    low, high = np.full(lo.size, -np.inf), np.full(lo.size, np.inf)
-    low[j], high[j] = lo[j], hi[j]
-    return Box(low, high)
+        rectangle(axes, border, facecolor="none", edgecolor=look.border, lw=2.0, zorder=3, label="arena")
 
 
 REACHED, BESIDE = "reached the target", "ended beside the target"
@@ -446,7 +411,6 @@ class ReachAvoid(Reaching):
         caption="Runs of the controller made for the nominal model alone (left) and of the gap-aware one (right) in "
         "the simulator, and from the same starts on the nominal model (grey, dashed).",
         kept="in the target without touching anything",
-        allowed="free cells",
         promise="reaches the target",
         violated="touches something",
         limits="arena",
@@ -465,8 +429,17 @@ class Arriving(Toward):
     """A run ends in a cell of the target."""
 
     def over(self, x: Floats, measured: Floats) -> bool:
-        """A run ends where the controller knows that it has arrived: (nx,), (nx,)."""
-        return self.arrived(measured)
+        """A run ends where the controller knows that it has arrived, whatever is pending: (nx,), (nx,)."""
+        cell = self._find(measured)
+        return cell >= 0 and self._ended[cell]
+
+    @cached_property
+    def _find(self) -> Any:
+        return self.solution.grid.finder()
+
+    @cached_property
+    def _ended(self) -> list[bool]:
+        return self.solution.ended.tolist()  # a list answers faster than an array, one element at a time
 
     def over_each(self, x: Floats, measured: Floats) -> Bools:
         """The same for many runs: (n, nx), (n, nx) -> (n,)."""
@@ -495,7 +468,6 @@ class ReachAndStay(Reaching):
         caption="Runs of the controller made for the nominal model alone and of the gap-aware one in the simulator (in "
         "colour), and from the same starts on the nominal model (grey, dashed).",
         kept="in the target and still there at the end",
-        allowed="free cells",
         promise="reaches the target and stays there for ever",
         violated="touches something or leaves the target",
         limits="arena",

@@ -18,7 +18,7 @@ from simgap.arrays import Bools, Floats
 from simgap.config.base import Interval
 from simgap.config.case import Case
 from simgap.errors import UserError
-from simgap.geometry import Box, Grid
+from simgap.geometry import Box, Grid, mesh
 from simgap.notation import pretty_unit
 
 
@@ -170,8 +170,7 @@ def covered(box: Box, by: Sequence[Box]) -> bool:
         cuts.append(0.5 * (faces[1:] + faces[:-1]))
     if not by or math.prod(map(len, cuts)) > MOST_PARTS:
         return False
-    parts = np.stack(np.meshgrid(*cuts, indexing="ij"), axis=-1).reshape(-1, box.size)
-    return bool(np.any([other.contains(parts) for other in by], axis=0).all())
+    return bool(np.any([other.contains(mesh(*cuts)) for other in by], axis=0).all())
 
 
 def cells_within(grid: Grid, box: Box) -> Bools:

@@ -16,12 +16,12 @@ import numpy as np
 from simgap import reading
 from simgap.arrays import Floats
 from simgap.attack.campaign import Campaign, WorstStarts, attack_loops
-from simgap.attack.share import SearchRecord
 from simgap.attack.witness import DISTURBANCE, SIMULATOR, Witness
 from simgap.attack.worst_step import (
     GapProblem,
     HistoryProblem,
     PointSearch,
+    SearchRecord,
     search_histories,
     worst_histories,
     worst_steps,

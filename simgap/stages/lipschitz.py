@@ -12,7 +12,7 @@ from simgap.gap.memory.hidden_state import fading
 from simgap.gap.sampling.points import HISTORY, Columns, Points, remembers
 from simgap.gap.sampling.samples import check_histories, dimension_samples
 from simgap.gap.sampling.symmetry import SymmetryDeviation
-from simgap.gap.sampling.values import Held, Room
+from simgap.gap.sampling.values import Room, in_memory
 from simgap.io.arrays_on_disk import room_in
 from simgap.plants.context import Context
 from simgap.stages.arguments import CasePath, Grid, Out, Shards
@@ -34,7 +34,7 @@ def run(case_path: CasePath, grid: Grid, shards: Shards, out: Out) -> None:
 
 
 def lipschitz(
-    context: Context, points: Points, shards: Sequence[Columns], i: int, room: Room = Held.room
+    context: Context, points: Points, shards: Sequence[Columns], i: int, room: Room = in_memory
 ) -> DimensionLipschitz | HistoryInfluence:
     """Slopes of dimension i on the grid with extreme-value estimates beside them; no basis and no padding enters.
 

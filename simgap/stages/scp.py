@@ -12,7 +12,7 @@ from simgap.gap.memory.fit import HullFit, fit_hull
 from simgap.gap.sampling.borders import MAKE_BORDERS, NO_BORDERS, directed_samples
 from simgap.gap.sampling.points import AFTER_PREVIOUS, SEQUENCE, Columns, Points, remembers
 from simgap.gap.sampling.samples import check_histories, dimension_samples, motion_of, previous_classes, steps_of
-from simgap.gap.sampling.values import Held, Room
+from simgap.gap.sampling.values import Room, in_memory
 from simgap.io.arrays_on_disk import room_in
 from simgap.plants.context import Context, pose_axes
 from simgap.stages.arguments import Borders, CasePath, Grid, Out, Shards
@@ -36,7 +36,7 @@ def run(case_path: CasePath, grid: Grid, shards: Shards, out: Out, borders: Bord
 
 def scp(
     context: Context, points: Points, shards: Sequence[Columns], i: int, borders: Columns | None = None,
-    room: Room = Held.room,
+    room: Room = in_memory,
 ) -> DimensionFit | HullFit:  # fmt: skip
     """Fit dimension i to the roll-outs, and to those on borders and beside switching surfaces; `room` is for samples.
 

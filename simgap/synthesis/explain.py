@@ -12,13 +12,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from simgap.arrays import Bools, Floats, Ints
 from simgap.errors import UserError
+from simgap.gap.json_record import JsonRecord
 from simgap.geometry import Grid
 from simgap.late import njit, numba
 from simgap.model.sampled import NominalModel
@@ -44,7 +44,7 @@ _NARROWER = "Smaller cells of the grid, a basis that follows the gap or gap.side
 
 
 @dataclass(frozen=True)
-class AxisNumbers:
+class AxisNumbers(JsonRecord):
     """One state in one step.
 
     Attributes:
@@ -66,7 +66,7 @@ class AxisNumbers:
 
 
 @dataclass(frozen=True)
-class Attempt:
+class Attempt(JsonRecord):
     """One thing that was tried: what, with which key, on which cells, and the share of the free cells that win."""
 
     what: str
@@ -77,7 +77,7 @@ class Attempt:
 
 
 @dataclass(frozen=True)
-class EmptyDomainExplanation:
+class EmptyDomainExplanation(JsonRecord):
     """Explanation of an empty winning domain.
 
     Attributes:
@@ -90,10 +90,6 @@ class EmptyDomainExplanation:
     first: str
     axes: tuple[AxisNumbers, ...]
     tries: tuple[Attempt, ...]
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain data."""
-        return asdict(self)
 
     def block(self) -> list[str]:
         """Lines for a terminal."""
@@ -159,7 +155,7 @@ def explain(
         parts: state -> what its gamma is made of, where that is known.
     """
     axes = axis_numbers(problem)
-    tries = tuple(_tries(problem, retimed, threads))
+    tries = tuple(_tried(*own, threads) for own in _tries(problem, retimed))
     first = max(axes, key=lambda a: (a.leaves, a.spans / max(a.moves / a.cell, 1e-9))).state
     cause, sentence = _verdict(problem, first, tries)
     if cause == "gap":
@@ -196,24 +192,24 @@ def axis_numbers(problem: SynthesisProblem) -> tuple[AxisNumbers, ...]:
 
 
 def _tries(
-    problem: SynthesisProblem, retimed: Callable[[float], NominalModel] | None, threads: int
-) -> Iterator[Attempt]:
+    problem: SynthesisProblem, retimed: Callable[[float], NominalModel] | None
+) -> Iterator[tuple[str, str, bool, SynthesisProblem]]:
     """Finer cells and narrower gaps as far as the budget goes; the path between samples is left aside."""
     plain = replace(problem, swept=None, stray=None, previous=None, latency=0, error=None)
     alone = replace(plain, gap=None)
     finer = _finer(problem.cells, len(problem.inputs))
     for cells in finer:
-        yield _tried(NOMINAL, "synthesis.cells", False, replace(alone, cells=cells), threads)
+        yield NOMINAL, "synthesis.cells", False, replace(alone, cells=cells)
     if problem.gap is not None:
         for cells in finer:
-            yield _tried("with the gap", "synthesis.cells", True, replace(plain, cells=cells), threads)
+            yield "with the gap", "synthesis.cells", True, replace(plain, cells=cells)
         for share in NARROWER:
             what = f"with {'half' if share else 'none'} of the gap's width"
-            yield _tried(what, "gap", True, replace(plain, gap=_narrowed(problem.gap, share)), threads)
-    for times in OTHER_TAU if retimed is not None else ():
-        assert retimed is not None
-        own = replace(alone, model=retimed(times), cells=finer[-1])
-        yield _tried(f"{NOMINAL}, {times:g} times tau", "domain.tau", False, own, threads)
+            yield what, "gap", True, replace(plain, gap=_narrowed(problem.gap, share))
+    if retimed is not None:
+        for times in OTHER_TAU:
+            own = replace(alone, model=retimed(times), cells=finer[-1])
+            yield f"{NOMINAL}, {times:g} times tau", "domain.tau", False, own
 
 
 def _tried(what: str, key: str, with_gap: bool, problem: SynthesisProblem, threads: int) -> Attempt:

@@ -33,11 +33,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from simgap.arrays import Bools, Floats, Ints
-from simgap.geometry import Grid
+from simgap.geometry import Grid, mesh
 from simgap.late import njit
 from simgap.model.kernel_cache import cached_kernel
 from simgap.model.sampled import NominalModel
-from simgap.synthesis.abstraction.cells import count_holes, layout, table_size
+from simgap.synthesis.abstraction.cells import count_holes, layout
 from simgap.synthesis.abstraction.post import Frame, Kernel, cell_box, image, reduced_cells, to_cells, without_ends
 from simgap.synthesis.input_sets import crop, padded, to_bytes, to_words, window_and
 
@@ -162,16 +162,6 @@ def _placed(m, q, boxes, shift, spare):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _of_input(  # type: ignore[no-untyped-def]
-    m, q, best, most, boxes, shift, spare, kind, shape, tables, header, work
-):  # fmt: skip
-    """Largest growth of the box of input m, `_placed` for q."""
-    _placed(m, q, boxes, shift, spare)
-    n, low, high, by = shift.size, spare[0], spare[1], spare[2]
-    return _largest(shape, n, tables, kind[m], low, high, by, best, most, -1.0, header, work)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def _of_inputs(  # type: ignore[no-untyped-def]
     q, most, admitted, liked, last, boxes, shift, spare, kind, shape, tables, header, work
 ):  # fmt: skip
@@ -239,7 +229,10 @@ def _worst_measurement(  # type: ignore[no-untyped-def]
         for m in range(kind.size):
             if rows[y, m >> 3] >> (m & 7) & 1:
                 if score[m] == -2.0:
-                    score[m] = _of_input(m, q, best, most, boxes, shift, spare, kind, shape, tables, header, work)
+                    _placed(m, q, boxes, shift, spare)
+                    score[m] = _largest(
+                        shape, shift.size, tables, kind[m], spare[0], spare[1], spare[2], best, most, -1.0, header, work
+                    )
                 own = max(own, score[m])
                 if own >= worst:
                     break
@@ -297,9 +290,6 @@ def searcher(image_of_box: Kernel, gap: Kernel) -> Any:
                         extra[flat, q - 1] = best
 
     return search
-
-
-__all__ = ["LARGEST_FACTOR", "Margins", "Remembered", "one_step_margins", "shown_layers"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -373,9 +363,7 @@ def one_step_margins(
     on |= set(range(n)) if gap_axes is None else set(gap_axes)
     others = tuple(j for j in range(n) if j not in on)
     shape = layout(grid.cells, grid.periodic)
-    tables = np.empty((known.winning.shape[1], table_size(shape, n)), np.int32)
-    for c in range(len(tables)):
-        count_holes(np.ascontiguousarray(known.winning[:, c]).astype(np.uint8), shape, n, tables[c])
+    tables = np.stack([count_holes(own, shape, n) for own in known.winning.T])
     header = frame.header
     free = without_ends(header, np.array([j in on for j in range(n)]))
     factor, extra = np.full(grid.size, np.nan), np.full((grid.size, n), np.nan)
@@ -416,5 +404,4 @@ def _rounded_down(values: Floats) -> NDArray[np.float32]:
 
 def _offsets(grid: Grid, axes: tuple[int, ...]) -> Ints:
     """Indices along `axes` of all cells that differ along these alone: (k, nx)."""
-    ranges = [np.arange(c) if j in axes else np.zeros(1, np.int64) for j, c in enumerate(grid.cells)]
-    return np.stack([m.reshape(-1) for m in np.meshgrid(*ranges, indexing="ij")], axis=-1).astype(np.int64)
+    return mesh(*(np.arange(c if j in axes else 1) for j, c in enumerate(grid.cells)))

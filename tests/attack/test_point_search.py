@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from simgap.attack.share import share
-from simgap.attack.worst_step import GapProblem, PointSearch, border, worst_first
+from simgap.attack.worst_step import GapProblem, PointSearch, share, worst_first
+from simgap.gap.bounds.function import GapDomain
+from simgap.gap.sampling.borders import critical_points
 from simgap.geometry import Box
 
 BOX = Box([-1.0, -2.0], [1.0, 2.0])
@@ -44,7 +45,8 @@ def question(gap, top):
         hi[:, 0] = top
         return lo, hi
 
-    return GapProblem(successors, lambda x, u: x.copy(), bounds, BOX, INPUTS)
+    places = critical_points(GapDomain(("x1", "x2"), ("u",), BOX, INPUTS)).x
+    return GapProblem(successors, lambda x, u: x.copy(), bounds, BOX, INPUTS, places)
 
 
 def largest(gap):
@@ -105,10 +107,3 @@ def test_a_share_is_measured_in_widths_of_the_bound():
     assert share(middle, middle, lo, hi)[0] == -0.5
     assert share(np.array([[1.0, -1.5]]), np.array([[1.0, 0.0]]), lo, hi)[0] == 0.25
     assert share(np.array([[np.nan, 0.0]]), middle, lo, hi)[0] == np.inf
-
-
-def test_corners_edges_and_faces_are_begun_at():
-    points = border(Box([0.0, 0.0, 0.0], [1.0, 1.0, 1.0]), between=1)
-    fixed = ((points == 0) | (points == 1)).sum(axis=1)
-    assert [int((fixed == k).sum()) for k in (3, 2, 1, 0)] == [8, 12, 6, 1]
-    assert len(border(Box([0.0, 0.0], [1.0, 1.0]), free=(1,), between=1)) == 3

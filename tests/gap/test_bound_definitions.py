@@ -20,7 +20,7 @@ from simgap.gap.memory.fit import HistoryInfluence, HullFit, Widened, fit_hull
 from simgap.gap.memory.hidden_state import fading, hull
 from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
 from simgap.gap.sampling.symmetry import SymmetryDeviation
-from simgap.gap.sampling.values import Held
+from simgap.gap.sampling.values import values
 from simgap.geometry import Box, Grid
 from simgap.simulators.body_samples import BodySamples
 from simgap.statistics import extrapolated_maximum, reach
@@ -221,12 +221,12 @@ def test_an_envelope_starts_from_both_ends_and_the_rounding_of_samples():
     grid = Grid(Box([1.0, 0.0], [2.0, 1.0]), [4, 4])
     where = SampleGrid(grid, U, ("a", "b"), ("u",))
     low = np.random.default_rng(0).uniform(-1, 0, (16, 2))
-    samples = DimensionSamples(where, 0, Held(low), Held(low + 0.5))
+    samples = DimensionSamples(where, 0, values(low), values(low + 0.5))
     fit = NodeFit.of(samples, gap_section(bound="envelope"))
     assert np.all(fit.upper > low + 0.5)
     assert np.all(fit.lower < low)
     both = NodeFit.of(
-        DimensionSamples(where, 0, Held(low), Held(low + 0.5)), gap_section(bound="envelope", sides="unsigned")
+        DimensionSamples(where, 0, values(low), values(low + 0.5)), gap_section(bound="envelope", sides="unsigned")
     )
     assert np.all(both.upper >= np.maximum(np.abs(low), np.abs(low + 0.5)))
 

@@ -75,7 +75,7 @@ def test_a_peak_narrower_than_a_cell_is_covered(how):
     assert outside(result.function, gap, x, u) == 0
     assert [tier.level for tier in result.function.tiers] == [1]
     assert "given" in result.function.tiers[0].text  # "No Lipschitz constant is given or estimated"
-    assert all(d.lipschitz.grid.proven for d in result.dimensions)
+    assert all(d.lipschitz.proven for d in result.dimensions)
     estimated = fit_gap(samples(gap, use=False), settings)
     assert outside(estimated.function, gap, x, u) > 0  # what samples alone cannot see
     assert [tier.level for tier in estimated.function.tiers] == [1, 2]
@@ -86,7 +86,7 @@ def test_dry_friction_is_covered_on_both_sides_of_rest_and_at_rest():
     result = fit_gap(samples(gap), gap_section(extreme_value=False))
     assert outside(result.function, gap, x, u) == 0
     assert [tier.level for tier in result.function.tiers] == [1]
-    assert not result.dimensions[1].lipschitz.grid.resolved
+    assert not result.dimensions[1].lipschitz.resolved
 
 
 @pytest.mark.parametrize("how", [{"padding": "per_axis"}, {"padding": "paper"}, {"bound": "envelope"}], ids=str)
@@ -100,7 +100,7 @@ def test_a_smooth_gap_costs_no_more_than_the_estimate():
     proven, estimated = (fit_gap(samples(gap, use=use), gap_section(extreme_value=False)) for use in (True, False))
     for a, b in zip(proven.dimensions, estimated.dimensions, strict=True):
         assert a.mean_width <= 1.05 * b.mean_width
-        np.testing.assert_allclose(a.lipschitz.grid.constants, b.lipschitz.grid.constants, rtol=0.15, atol=1e-9)
+        np.testing.assert_allclose(a.lipschitz.constants, b.lipschitz.constants, rtol=0.15, atol=1e-9)
 
 
 @pytest.mark.parametrize(

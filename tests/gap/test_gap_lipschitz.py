@@ -13,7 +13,8 @@ from simgap.gap.lipschitz.grid import DimensionLipschitz, GridLipschitz, estimat
 from simgap.gap.lipschitz.local import FitSlopes, LocalPadding, OffGrid
 from simgap.gap.sampling.borders import Borders
 from simgap.gap.sampling.samples import SampleGrid
-from simgap.gap.sampling.values import Held
+from simgap.gap.sampling.values import in_memory
+from simgap.gap.sampling.values import values as given
 from simgap.geometry import Box, Grid
 from simgap.io.arrays_on_disk import room_in
 from simgap.statistics import extrapolated_maximum
@@ -118,7 +119,7 @@ def test_smooth_functions_are_not_rough():
         grid = Grid(X, cells)
         a, b, c = rng.uniform(-3, 3, 3)
         d = values(lambda x, a=a, b=b, c=c: np.sin(a * x[:, 0] + b) * np.exp(c * x[:, 1]) + np.abs(x[:, 0]), grid)
-        assert not roughness(Held(d), grid, (0, 1), 1e-14).any
+        assert not roughness(given(d), grid, (0, 1), 1e-14).any
 
 
 def test_a_jump_over_the_seam_of_a_periodic_axis_is_rough():
@@ -131,7 +132,7 @@ def test_a_jump_over_the_seam_of_a_periodic_axis_is_rough():
 def test_rounding_is_not_rough():
     grid = Grid(X, [20, 20])
     d = values(lambda x: 1e-16 * np.random.default_rng(0).standard_normal(len(x)), grid)
-    assert not roughness(Held(d), grid, (0, 1), 1e-14).any
+    assert not roughness(given(d), grid, (0, 1), 1e-14).any
     assert estimate(d, grid, floor=1e-14).resolved
 
 
@@ -159,7 +160,7 @@ def test_local_padding_covers_the_cell(function, eps):
     """d anywhere in a cell exceeds its sample by at most the padding: a dense scan is the oracle."""
     samples = on_grid(function, eps)
     target = samples.dimension(1).side(upper=True)
-    pad, _ = LocalPadding(target, samples.grid, (), 1e-14).of_target()
+    pad, _ = LocalPadding(target, samples.grid, (), 1e-14).of()
     rng = np.random.default_rng(2)
     for _ in range(20):
         inside = samples.grid.centres() + samples.grid.h * rng.uniform(-1, 1, (samples.grid.size, 2))
@@ -171,9 +172,9 @@ def test_local_padding_covers_the_cell(function, eps):
 def test_local_padding_does_not_trust_the_samples_of_the_fit():
     """A fit that agrees with the samples but turns inside the cells must be paid for."""
     grid = Grid(X, [10, 10])
-    target = Held(np.zeros((grid.size, 1)))
+    target = given(np.zeros((grid.size, 1)))
     curvature = np.array([[0.0, 0.0], [0.0, 400.0]])
-    pad, _ = LocalPadding(target, grid, (), 0.0).of_residual(FitSlopes(target, lambda j: target, curvature))
+    pad, _ = LocalPadding(target, grid, (), 0.0).of(FitSlopes(target, lambda j: target, curvature))
     assert pad.ends()[0] >= 0.5 * 400.0 * grid.h[1] ** 2 * (1 - 1e-12)
 
 
@@ -218,7 +219,7 @@ def test_layers_and_inputs_one_at_a_time_give_the_same_bits(monkeypatch, tmp_pat
     x, rng = grid.centres(), np.random.default_rng(7)
     d = np.sin(np.pi * x[:, [0]]) * rng.uniform(0.5, 1.5, 5) + 0.1 * x[:, [1]] ** 2
     d[:, 3] += jump * (x[:, 0] > 0.3)
-    whole, rough = estimate(d, grid), roughness(Held(d), grid, (0, 1), 0.0)
+    whole, rough = estimate(d, grid), roughness(given(d), grid, (0, 1), 0.0)
     assert rough.any == (jump > 0.0)
     stored = in_pieces(monkeypatch, tmp_path)(d.shape)
     stored.put(0, d)
@@ -234,17 +235,17 @@ def test_local_paddings_in_pieces_are_the_same_bits(monkeypatch, tmp_path, jump)
     grid = Grid(Box([-1.0, 0.0], [1.0, 2.0]), (24, 9))
     x, rng = grid.centres(), np.random.default_rng(8)
     t = np.sin(3.0 * x[:, [0]]) * rng.uniform(0.5, 1.5, 5) + jump * (x[:, [0]] > 0.3) * np.arange(5)
-    slope = [Held(np.broadcast_to(s, t.shape)) for s in (3.0 * np.cos(3.0 * x[:, [0]]), np.full((1, 5), 0.2))]
-    fit = FitSlopes(Held(np.sin(3.0 * x[:, [0]]) * np.ones(5)), slope.__getitem__, np.eye(2))
+    slope = [given(np.broadcast_to(s, t.shape)) for s in (3.0 * np.cos(3.0 * x[:, [0]]), np.full((1, 5), 0.2))]
+    fit = FitSlopes(given(np.sin(3.0 * x[:, [0]]) * np.ones(5)), slope.__getitem__, np.eye(2))
     at = Borders(x[[3, 40, 100]], np.array([[True, False], [False, True], [False, False]]), np.arange(3))
     beside = OffGrid(np.array([3, 40, 100]), at, t[[3, 40, 100]])
 
     def results(room):
-        own = LocalPadding(Held(t), grid, (), 0.0, room)
-        pad, share = own.of_residual(fit)
-        return pad.whole(), np.array(share), *own.along(beside, fit), own.of_target()[0].whole()
+        own = LocalPadding(given(t), grid, (), 0.0, room)
+        pad, share = own.of(fit)
+        return pad.whole(), np.array(share), *own.along(beside, fit), own.of()[0].whole()
 
-    whole = results(Held.room)
+    whole = results(in_memory)
     assert (whole[1] > 0.0) == (jump > 0.0)
     pieces = results(in_pieces(monkeypatch, tmp_path))
     assert all(np.array_equal(a, b) for a, b in zip(whole, pieces, strict=True))

@@ -30,9 +30,9 @@ def test_tight_and_covering(sampled, sides):
     result = fit_gap(samples, settings)
     assert check_fresh(result.function, *off_grid(gap, 10_000)).violations == 0
     if matched:
-        assert all(dim.ratio <= 1.05 for dim in result.dimensions)
+        assert all(dim.sup_over_largest_sample <= 1.05 for dim in result.dimensions)
     if sides == "signed" and not matched:
-        assert all(dim.mean_width <= 0.02 * dim.largest_gap for dim in result.dimensions)
+        assert all(dim.mean_width <= 0.02 * dim.largest_sampled_gap for dim in result.dimensions)
 
 
 def test_known_lipschitz_constant(sampled):
@@ -41,9 +41,9 @@ def test_known_lipschitz_constant(sampled):
     settings = gap_section(basis=Expressions(terms=PAPER))
     found = fit_gap(samples, settings).dimensions[0]
     if matched:
-        assert found.lipschitz.grid.constants[0] == pytest.approx(0.005**2 * 1.5 * 9.81, rel=2e-3)
-        assert found.lipschitz.grid.constants[0] >= 0.005**2 * 1.5 * 9.81 * 0.9999
-    methods = {row.method for row in found.lipschitz.estimates}
+        assert found.lipschitz.constants[0] == pytest.approx(0.005**2 * 1.5 * 9.81, rel=2e-3)
+        assert found.lipschitz.constants[0] >= 0.005**2 * 1.5 * 9.81 * 0.9999
+    methods = {row.method for row in found.lipschitz_estimates}
     assert methods >= {"grid", "reverse Weibull location", "top-20 spacing, 95 %"}
 
 

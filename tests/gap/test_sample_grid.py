@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from simgap.errors import UserError
-from simgap.gap.resolution import COUNTS, LINES, POINTS, Lines, at_count, counts_for, movement, refine
+from simgap.gap.resolution import COUNTS, LINES, POINTS, at_count, counts_for, movement, random_lines, refine
 from simgap.geometry import Box
 
 BOX, INPUTS = Box([-1.0, -2.0, 0.0], [1.0, 2.0, 1.0]), np.array([[-1.0], [1.0]])
@@ -14,8 +14,8 @@ def moved_by(gap):
     """`movement` along each axis of a gap (n, nx), (n, nu) -> (n,)."""
     rng, found = np.random.default_rng(3), []
     for axis in range(3):
-        lines = Lines.random(BOX, INPUTS, axis, rng)
-        found.append(movement(gap(*lines.rows).reshape(LINES, POINTS, 1)))
+        lines = random_lines(BOX, INPUTS, axis, rng)
+        found.append(movement(gap(*lines).reshape(LINES, POINTS, 1)))
     return found
 
 

@@ -21,5 +21,5 @@ def test_reach_of_the_unicycle_on_bit_rows(row):
 
 def test_reach_of_the_unicycle_by_table():
     row = next(iter(UNICYCLE))
-    found = reach_avoid(*unicycle(*row), backend="table")
+    found = reach_avoid(*unicycle(*row), by_rows=False)
     assert (int(found.winning.sum()), found.steps, found.backend) == (*UNICYCLE[row], "table")

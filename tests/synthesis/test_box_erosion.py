@@ -5,16 +5,14 @@ import itertools
 import numpy as np
 import pytest
 
-from simgap.synthesis.games.reach_rows import erode, pack_rows
+from simgap.synthesis.games.reach import erode, pack_rows
 
 BOXES = np.array([(1, 1, 1, 1), (1, 3, 2, 4), (2, 3, 2, 4), (1, 6, 9, 1), (3, 5, 1, 70), (1, 3, 2, 4), (1, 1, 7, 2)])
 
 
 def packed(cells):
     rows, count = int(np.prod(cells.shape[:3])), cells.shape[3]
-    bits = np.zeros((rows, (count + 63) // 64), np.uint64)
-    pack_rows(cells.reshape(-1).astype(np.uint8), np.arange(rows) * count, 1, count, bits)
-    return bits
+    return pack_rows(cells.reshape(-1), np.arange(rows) * count, 1, count, (count + 63) // 64)
 
 
 def by_definition(cells, periodic, extent):

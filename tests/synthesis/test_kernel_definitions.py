@@ -8,7 +8,7 @@ import pytest
 
 from simgap.geometry import Box, Grid
 from simgap.specifications.space import cells_meeting, cells_within
-from simgap.synthesis.abstraction.cells import clip_boxes, count_holes, drop_boxes_with_holes, layout, table_size
+from simgap.synthesis.abstraction.cells import clip_boxes, count_holes, drop_boxes_with_holes, layout
 from simgap.synthesis.abstraction.intersample import planar_swept_cells
 from simgap.synthesis.abstraction.post import (
     OUTSIDE,
@@ -193,8 +193,7 @@ def test_a_box_counts_where_it_has_no_hole(cells, periodic):
     rng, n = np.random.default_rng(8), len(cells)
     inside = (rng.random(cells) < 0.8).astype(np.uint8)
     shape = layout(cells, periodic)
-    table = np.zeros(table_size(shape, n), np.int32)
-    count_holes(inside.reshape(-1), shape, n, table)
+    table = count_holes(inside.reshape(-1), shape, n)
     lower = rng.integers(-2, 4, (300, n))
     wide = rng.integers(0, 3, (300, n))
     wide[:60, list(periodic)] += np.array(cells)[list(periodic)] - 1  # nearly a turn, a turn, and more
@@ -243,8 +242,7 @@ def test_a_box_of_a_full_turn_meets_every_cell_of_it(hole):
     inside = np.ones((2, 4), np.uint8)
     inside[:, hole] = 0
     shape = layout((2, 4), (1,))
-    table, ok = np.zeros(table_size(shape, 2), np.int32), np.empty(1, np.uint8)
-    count_holes(inside.reshape(-1), shape, 2, table)
+    table, ok = count_holes(inside.reshape(-1), shape, 2), np.empty(1, np.uint8)
     for first, last in ((0, 3), (1, 4), (-1, 3), (2, 9), (-5, -1)):
         box = np.array([0, first, 1, last], np.int32)
         clip_boxes(shape, 2, box, 0, 1, ok)

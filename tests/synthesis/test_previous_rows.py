@@ -89,8 +89,9 @@ def test_levels_and_inputs_are_those_of_the_definition(swept):
         free = rng.random(GRID.size) < 0.9
         target = rng.random(GRID.size) < 0.3
         level, admissible = oracle(boxes, kind, target, free)
-        for backend in ("bit_rows",) if swept else ("bit_rows", "table"):
-            found = reach_avoid([own for own, _, _ in boxes], target, free, backend=backend, kind=kind)
+        for by_rows in (True,) if swept else (True, False):
+            found = reach_avoid([own for own, _, _ in boxes], target, free, kind=kind, by_rows=by_rows)
+            assert found.backend == ("bit_rows" if by_rows else "table")
             for node, (k, c) in enumerate(np.ndindex(GRID.size, classes)):
                 assert found.value[node] == level.get((k, c), -1)
                 assert np.flatnonzero(unpack(found.mask[node], INPUTS)).tolist() == admissible.get((k, c), [])

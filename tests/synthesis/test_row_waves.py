@@ -9,8 +9,7 @@ from simgap.geometry import Box, Grid
 from simgap.synthesis.abstraction.cells import Abstraction
 from simgap.synthesis.abstraction.intersample import SweptCells
 from simgap.synthesis.abstraction.post import reduced_cells, table_meta, table_post
-from simgap.synthesis.games.reach import reach_avoid
-from simgap.synthesis.games.reach_rows import Levels, reach_by_rows
+from simgap.synthesis.games.reach import Levels, reach_avoid, reach_by_rows
 from simgap.synthesis.games.row_moves import RowSystem
 from simgap.synthesis.input_sets import unpack
 
@@ -106,15 +105,16 @@ def test_levels_and_inputs_are_those_of_the_definition(name):
         free = rng.random(own.grid.size) < 0.995
         value, mask = by_definition(own, *about, target, free)
         for threads in (1, 2):
-            found = reach_avoid(own, target, free, threads, backend="bit_rows")
+            found = reach_avoid(own, target, free, threads)
+            assert found.backend == "bit_rows"
             assert np.array_equal(found.value, value)
             assert np.array_equal(unpack(found.mask, INPUTS), mask)
         order = rng.permutation(INPUTS)
         first = np.where(mask.any(axis=1), order[np.argmax(mask[:, order], axis=1)], -1)
-        for backend, threads in (("bit_rows", 1), ("bit_rows", 2), ("table", 1)):
-            if backend == "table" and own.swept is not None:
-                continue  # which checks no path
-            one = reach_avoid(own, target, free, threads, backend=backend, order=order)
+        for by_rows, threads in ((True, 1), (True, 2), (False, 1)):
+            if not by_rows and own.swept is not None:
+                continue  # the table checks no path
+            one = reach_avoid(own, target, free, threads, order=order, by_rows=by_rows)
             assert np.array_equal(one.value, value)
             assert np.array_equal(one.chosen, first)
             assert one.mask.shape == (own.grid.size, 0)
@@ -127,7 +127,7 @@ def test_more_entries_than_there_is_room_for(monkeypatch):
     target = np.arange(own.grid.size) % 66 < 60
     wanted = by_definition(own, *about, target, np.ones(own.grid.size, bool))
     grown = []
-    monkeypatch.setattr("simgap.synthesis.games.reach_rows.ENTRIES", 1)
+    monkeypatch.setattr("simgap.synthesis.games.reach.ENTRIES", 1)
     plain = Levels._make_room
     monkeypatch.setattr(Levels, "_make_room", lambda self, n: grown.append(n) or plain(self, n))
     system = RowSystem.of(own)
@@ -145,6 +145,6 @@ def test_a_box_turns_with_its_axis_however_far_it_is():
     meta, _ = table_meta(grid, 1, axes)
     own = Abstraction(grid, np.zeros((1, 1)), table_post(), meta, np.zeros(1), table.reshape(-1), axes, np.zeros(2))
     k = np.stack(np.unravel_index(np.arange(grid.size), grid.cells), axis=-1)
-    found = reach_avoid(own, (k[:, 0] == 69) & (k[:, 1] == 0), np.ones(grid.size, bool), backend="bit_rows")
+    found = reach_avoid(own, (k[:, 0] == 69) & (k[:, 1] == 0), np.ones(grid.size, bool))
     assert found.value.reshape(70, 4)[68].tolist() == [-1, -1, -1, 1]
     assert found.value.reshape(70, 4)[67].tolist() == [-1, -1, 2, -1]

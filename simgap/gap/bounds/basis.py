@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -105,15 +106,16 @@ class Basis:
 
     @cached_property
     def _values(self) -> Callable[..., list[Floats]]:
-        return self._compiled(list(self.exprs))
+        return self.compiled(list(self.exprs))
 
     @cached_property
     def _slopes(self) -> Callable[..., list[Floats]]:
-        return self._compiled([g for row in self.gradients for g in row])
+        return self.compiled([g for row in self.gradients for g in row])
 
-    def _compiled(self, exprs: list[sp.Expr]) -> Callable[..., list[Floats]]:
+    def compiled(self, expr: Any) -> Callable[..., Any]:
+        """An expression or a list of them as a function of all states and inputs, which broadcast."""
         symbols = [symbol(s) for s in (*self.states, *self.inputs)]
-        function: Callable[..., list[Floats]] = sp.lambdify(symbols, exprs, modules="numpy", cse=True)
+        function: Callable[..., Any] = sp.lambdify(symbols, expr, modules="numpy", cse=True)
         return function
 
     def ranges(self, domain: Box, inputs: Floats) -> BasisRanges:

@@ -26,6 +26,7 @@ from simgap.gap.bounds.function import (
     sides_by_state,
     sides_from,
 )
+from simgap.geometry import mesh
 from simgap.late import njit
 from simgap.model.kernel_cache import cached_kernel
 
@@ -58,8 +59,7 @@ class CellGap(GapFunction):
     def _reach(self) -> Floats:
         """(cells, nx): the largest `sum_j L_ij |x_j - node_j|` in each cell."""
         far = [np.maximum(n - e[:-1], e[1:] - n) for n, e in zip(self.nodes, self.edges, strict=True)]
-        mesh = np.stack([m.ravel() for m in np.meshgrid(*far, indexing="ij")], axis=1)
-        return mesh @ self.slopes.T * _SLACK
+        return mesh(*far) @ self.slopes.T * _SLACK
 
     def sup(self) -> dict[str, GapSuprema]:
         """Suprema over all cells and inputs; on a face that cells share, the hull of their bounds may be wider."""
@@ -80,8 +80,7 @@ class CellGap(GapFunction):
             lo, hi = where.get(name, (-np.inf, np.inf))
             margin = 1e-9 * (edges[-1] - edges[0])  # a border is of both cells, as in `_touched`
             axes.append((edges[:-1] <= hi + margin) & (edges[1:] >= lo - margin))
-        touched = np.all(np.stack([m.ravel() for m in np.meshgrid(*axes, indexing="ij")], axis=1), axis=1)
-        more = np.where(np.asarray(touched)[:, None, None], by, 0.0)
+        more = np.where(np.all(mesh(*axes), axis=1, keepdims=True)[..., None], by, 0.0)
         return replace(self, lower=self.lower - more, upper=self.upper + more)
 
     def _kernel(self) -> Kernel:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import reduce
 
 from simgap.errors import UserError
 from simgap.late import interpreted
@@ -89,11 +90,9 @@ def _number(e: sp.Expr) -> Enclosure:
 
 
 def _add(parts: list[Enclosure]) -> Enclosure:
-    pair = parts[0].pair
-    for part in parts[1:]:
-        pair = interval.iadd(pair, part.pair)
     size = sum(p.magnitude + p.error for p in parts)
-    return Enclosure(pair[0], pair[1], sum(p.error for p in parts) + len(parts) * _UNIT * size)
+    error = sum(p.error for p in parts) + len(parts) * _UNIT * size
+    return Enclosure(*reduce(interval.iadd, [p.pair for p in parts]), error)
 
 
 def _product(parts: list[Enclosure]) -> Enclosure:
@@ -141,10 +140,7 @@ def _sqrt(e: sp.Expr, a: Enclosure) -> Enclosure:
 
 def _extreme(e: sp.Expr, parts: list[Enclosure]) -> Enclosure:
     join = interval.imin if isinstance(e, sp.Min) else interval.imax
-    pair = parts[0].pair
-    for part in parts[1:]:
-        pair = join(pair, part.pair)
-    return Enclosure(pair[0], pair[1], max(p.error for p in parts))
+    return Enclosure(*reduce(join, [p.pair for p in parts]), max(p.error for p in parts))
 
 
 def _function(e: sp.Expr, parts: list[Enclosure]) -> Enclosure:

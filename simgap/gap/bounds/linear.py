@@ -22,7 +22,7 @@ from simgap.gap.bounds.function import (
     require_finite,
     require_sides,
 )
-from simgap.geometry import Grid
+from simgap.geometry import Grid, mesh
 from simgap.late import sympy as sp
 from simgap.model.compile import compile_kernel
 from simgap.model.kernel_cache import cached_kernel
@@ -132,8 +132,7 @@ class LinearGap(GapFunction):
         box, inputs = self.domain.box, self.domain.input_set
         axis = max(2, int(_POINTS ** (1.0 / box.size)))
         grid = Grid(box, [axis] * box.size)
-        corners = np.stack([c.ravel() for c in np.meshgrid(*zip(box.lo, box.hi, strict=True), indexing="ij")], axis=-1)
-        x = np.concatenate([grid.centres(), corners])
+        x = np.concatenate([grid.centres(), mesh(*np.stack([box.lo, box.hi], axis=1))])
         chosen = inputs[np.unique(np.linspace(0, len(inputs) - 1, _INPUTS).astype(int))]
         every, each = np.repeat(x, len(chosen), axis=0), np.tile(chosen, (len(x), 1))
         require_sides(*self.bounds(every, each), every.shape, " on X")

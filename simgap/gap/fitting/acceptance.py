@@ -245,17 +245,13 @@ def confirmed(tiers: Sequence[Tier], check: FreshCheck) -> list[Tier]:
     """The tiers that fresh samples leave standing: none of them says "every state" beside a violation."""
     if check.violations == 0:
         return list(tiers)
-    by = ", ".join(f"{value:.3g} for {name}" for name, value in check.worst.items() if value > 0)
+    by, worst = _sizes({name: value for name, value in check.worst.items() if value > 0}), str(check.outside or "")
     broken = Tier(
         2,
         f"The bound does not hold at every state: {check.violations:,} of {check.samples:,} fresh samples exceed it, "
-        f"by up to {by}; the case tolerates that." + (f" {_upper(str(check.outside))}." if check.outside else ""),
+        f"by up to {by}; the case tolerates that." + (f" {worst[:1].upper()}{worst[1:]}." if worst else ""),
     )
     return [broken, *(tier for tier in tiers if tier.level != 1)]
-
-
-def _upper(text: str) -> str:
-    return text[:1].upper() + text[1:]
 
 
 def covering_remainder(function: GapFunction, section: GapSection) -> GapFunction:

@@ -12,12 +12,13 @@ from simgap.arrays import Floats
 from simgap.config.gap import GapSection
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bases import Blocks
-from simgap.gap.bounds.function import GapFunction, GapSuprema
+from simgap.gap.bounds.function import GapFunction
 from simgap.gap.fitting.acceptance import remedy
 from simgap.gap.fitting.cell_fit import BlockFit, NodeFit
 from simgap.gap.fitting.dimension_fit import BoundInputs, Calibration, DimensionFit, Sides
 from simgap.gap.fitting.linear_fit import CentreFit, LinearFit
-from simgap.gap.lipschitz.grid import DimensionLipschitz
+from simgap.gap.json_record import JsonRecord
+from simgap.gap.lipschitz.grid import DimensionLipschitz, GridLipschitz, LipschitzRow
 from simgap.gap.sampling.borders import Directed
 from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
 from simgap.gap.thresholds import GATE
@@ -47,38 +48,26 @@ def fit_from_json(data: Mapping[str, Any]) -> DimensionFit:
 
 
 @dataclass(frozen=True, eq=False)
-class DimensionReport:
+class DimensionReport(JsonRecord):
     """Bound, slopes and programs of one dimension.
 
     Attributes:
-        sup: suprema over X x U. ratio: sup.size / largest sampled |d|.
+        largest_sampled_gap: largest |d|. sup_size, sup_width: see `GapSuprema`; the first over the largest sample.
         mean_size, mean_width: means of max(|lo|, |hi|) and of hi - lo over X x U, see `_means`.
-        lipschitz: estimates of its Lipschitz constant.
-        sides: fitted sides by name (`upper` and `lower`, or `both`), empty for bounds without a program.
+        lipschitz, lipschitz_estimates: of its Lipschitz constant.
+        scenario: fitted sides by name (`upper` and `lower`, or `both`), empty for bounds without a program.
     """
 
     state: str
-    sup: GapSuprema
-    ratio: float
+    largest_sampled_gap: float
+    sup_size: float
+    sup_width: float
+    sup_over_largest_sample: float
     mean_size: float
     mean_width: float
-    lipschitz: DimensionLipschitz
-    sides: Sides = field(default_factory=dict)
-
-    @property
-    def largest_gap(self) -> float:
-        """Largest sampled |d|."""
-        return self.lipschitz.largest
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain data for gap.json and the report."""
-        return {
-            "state": self.state, "largest_sampled_gap": self.largest_gap, "sup_size": self.sup.size,
-            "sup_width": self.sup.width, "sup_over_largest_sample": self.ratio, "mean_size": self.mean_size,
-            "mean_width": self.mean_width, "lipschitz": self.lipschitz.grid.to_json(),
-            "lipschitz_estimates": [row.to_json() for row in self.lipschitz.estimates],
-            "scenario": {name: side.to_json() for name, side in self.sides.items()},
-        }  # fmt: skip
+    lipschitz: GridLipschitz
+    lipschitz_estimates: tuple[LipschitzRow, ...]
+    scenario: Sides = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,9 +139,10 @@ def _reports(
     size, width = _means(where, function, settings.seed)
     reports = []
     for i, (state, known) in enumerate(zip(where.states, lipschitz, strict=True)):
-        sup = suprema[state]
-        ratio = sup.size / known.largest if known.largest > 0.0 else float("inf")
-        reports.append(DimensionReport(state, sup, ratio, float(size[i]), float(width[i]), known, sides[i]))
+        sup, largest, means = suprema[state], known.largest, (float(size[i]), float(width[i]))
+        ratio = sup.size / largest if largest > 0.0 else float("inf")
+        bound = state, largest, sup.size, sup.width, ratio, *means
+        reports.append(DimensionReport(*bound, known.grid, known.estimates, sides[i]))
     return tuple(reports)
 
 

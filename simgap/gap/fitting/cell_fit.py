@@ -16,14 +16,13 @@ from simgap.config.gap import GapSection
 from simgap.errors import UserError
 from simgap.gap.bases import Blocks
 from simgap.gap.bounds.cells import CellGap
-from simgap.gap.fitting.dimension_fit import BoundInputs, DimensionFit, Sides, directed_words, guarantee
-from simgap.gap.fitting.padding import estimated_padding, local_padding
-from simgap.gap.lipschitz.grid import DimensionLipschitz
+from simgap.gap.fitting.dimension_fit import BoundInputs, DimensionFit, Sides, guarantee
+from simgap.gap.fitting.padding import constant_padding, estimated_padding, local_padding
 from simgap.gap.lipschitz.local import OffGrid
 from simgap.gap.sampling.borders import Directed
 from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
-from simgap.gap.sampling.values import Combined, Joined, Values
-from simgap.geometry import Grid
+from simgap.gap.sampling.values import combined, joined
+from simgap.geometry import Grid, mesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,11 +56,13 @@ class BlockFit(
         member, _ = _blocks(samples.where.grid, counts)
         tables, rough, factor, directed = {}, 0.0, 0.0, samples.beside
         for up in (True, False):
-            padded, share = _locally_padded(samples, settings, up)
-            of_row = member
+            padded, share, of_row = samples.side(up), 0.0, member
+            if settings.padding == "inflate":
+                pad, share = local_padding(samples, up).of()
+                padded = combined(np.add, padded, pad)
             if directed is not None:
                 beside, risen = _beside(samples, directed, settings, up)
-                padded, factor = Joined(padded, beside), max(factor, risen)
+                padded, factor = joined(padded, beside), max(factor, risen)
                 of_row = np.concatenate([member, member[samples.where.grid.index(directed.x)]])
             tables[up] = np.full((int(np.prod(counts)), padded.shape[1] if per_input else 1), -np.inf)
             for block in padded.blocks():
@@ -75,16 +76,11 @@ class BlockFit(
         """The tables of all dimensions side by side, with the padding that is not in them yet."""
         where, settings, lipschitz = given.where, given.settings, given.lipschitz
         _, edges = _blocks(where.grid, _counts(where, settings)[0])
-        nx, inflated = len(where.states), settings.padding == "inflate"
+        nx, inflated, h = len(where.states), settings.padding == "inflate", where.moving_half_widths
+        pads = [0.0 if inflated else constant_padding(settings.padding, own.grid, h, 0.0 * h) for own in lipschitz]
         upper, below = (
-            np.stack(
-                [
-                    getattr(fit, name) + (0.0 if inflated else _reach(where, settings, known)) + floor / 16.0
-                    for fit, known, floor in zip(fits, lipschitz, where.rounding, strict=True)
-                ],
-                axis=-1,
-            )
-            for name in ("upper", "lower")
+            np.stack([getattr(fit, side) for fit in fits], axis=-1) + pads + where.rounding / 16.0
+            for side in ("upper", "lower")
         )
         lower = -below
         if not settings.signed:
@@ -94,9 +90,8 @@ class BlockFit(
         nodes = tuple(0.5 * (e[:-1] + e[1:]) for e in edges)
         shares = zip([fit.rough_share for fit in fits], [known.grid.rough_share for known in lipschitz], strict=True)
         rough = [padded if inflated else estimated for padded, estimated in shares]
-        beside = directed_words(where.states, max(fit.directed for fit in fits), [fit.factor for fit in fits])
-        used = [known.grid for known in lipschitz]
-        tiers = guarantee("inflate" if inflated else "cells", where.states, used, rough, beside)
+        directed, factors = max(fit.directed for fit in fits), [fit.factor for fit in fits]
+        tiers = guarantee("inflate" if inflated else "cells", given, rough, directed, factors)
         return CellGap(where.domain, tiers, edges, nodes, lower, upper, np.zeros((nx, nx))), [{} for _ in fits]
 
 
@@ -107,22 +102,6 @@ def _beside(samples: DimensionSamples, directed: Directed, settings: GapSection,
     along, across = estimated_padding(samples, up).along(beside)
     factor = float(((at - target[beside.cells]) / np.maximum(across, samples.floor)).max())
     return at + (along if settings.padding == "inflate" else 0.0), max(factor, 0.0)
-
-
-def _reach(where: SampleGrid, settings: GapSection, known: DimensionLipschitz) -> float:
-    """Largest move of the gap within a cell, by its Lipschitz constants."""
-    h = where.moving_half_widths
-    if settings.padding == "per_axis":
-        return float(known.grid.constants @ h)
-    return float(known.grid.euclidean * np.linalg.norm(h))
-
-
-def _locally_padded(samples: DimensionSamples, settings: GapSection, up: bool) -> tuple[Values, float]:
-    """(N, M) target of one side, with its local padding if that is the case's, and the share of rough cells."""
-    if settings.padding != "inflate":
-        return samples.side(up), 0.0
-    pad, share = local_padding(samples, up).of_target()
-    return Combined(np.add, (samples.side(up), pad)), share
 
 
 def _counts(where: SampleGrid, settings: GapSection) -> tuple[tuple[int, ...], bool]:
@@ -152,8 +131,7 @@ def _blocks(grid: Grid, counts: Sequence[int]) -> tuple[Ints, tuple[Floats, ...]
         first = np.searchsorted(of_cell, np.arange(1, count))
         lo, hi = grid.box.lo[j], grid.box.hi[j]
         edges.append(np.concatenate([[lo], lo + 2.0 * grid.h[j] * first, [hi]]))
-    mesh = np.meshgrid(*index, indexing="ij")
-    return np.ravel_multi_index(tuple(m.ravel() for m in mesh), tuple(counts)), tuple(edges)
+    return np.ravel_multi_index(tuple(mesh(*index).T), tuple(counts)), tuple(edges)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +145,7 @@ class NodeFit(DimensionFit, kind="envelope", program="none: an envelope is made 
     def of(cls, samples: DimensionSamples, settings: GapSection) -> NodeFit:
         """The samples at the nodes."""
         places, cells = _nodes(samples.where, settings), samples.where.grid.cells
-        flat = np.ravel_multi_index(tuple(k.ravel() for k in np.meshgrid(*places, indexing="ij")), cells)
+        flat = np.ravel_multi_index(tuple(mesh(*places).T), cells)
         numerical = samples.floor / 16.0
         lower = samples.d[flat] - numerical
         upper = samples.ends[-1][flat] + numerical
@@ -200,8 +178,7 @@ class NodeFit(DimensionFit, kind="envelope", program="none: an envelope is made 
                 above = below = np.maximum(above, below)
             upper[:, :, i], lower[:, :, i] = above, -below
             factors.append(max(rise, fall))
-        beside = directed_words(where.states, len(directed[0].x) if directed else 0, factors)
-        tiers = guarantee("cells", where.states, [known.grid for known in lipschitz], rough, beside)
+        tiers = guarantee("cells", given, rough, len(directed[0].x) if directed else 0, factors)
         return CellGap(where.domain, tiers, edges, nodes, lower, upper, slopes), [{} for _ in fits]
 
 

@@ -12,7 +12,7 @@ from simgap.config.gap import GapSection
 from simgap.gap.bounds.function import PROVEN, GapFunction, Tier
 from simgap.gap.fitting.padding import PaddedSide
 from simgap.gap.json_record import JsonRecord
-from simgap.gap.lipschitz.grid import DimensionLipschitz, GridLipschitz
+from simgap.gap.lipschitz.grid import DimensionLipschitz
 from simgap.gap.sampling.borders import Directed
 from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
 
@@ -69,12 +69,20 @@ class DimensionFit(JsonRecord, ABC):
 
 
 def guarantee(
-    padding: str, states: Sequence[str], slopes: Sequence[GridLipschitz], rough: Sequence[float], extra: str = ""
+    padding: str, given: BoundInputs, rough: Sequence[float], directed: int, factors: Sequence[float], extra: str = ""
 ) -> tuple[Tier, ...]:
-    """Tiers of a padded bound; `rough` is each state's share of cells with a jump that a sample stands in for."""
+    """Tiers of a padded bound.
+
+    Args:
+        padding: see `deterministic_tier`. given: what the bound was made of.
+        rough: each state's share of cells with a jump that a sample stands in for.
+        directed, factors: see `directed_words`. extra: a sentence on the padding.
+    """
+    slopes, states = [known.grid for known in given.lipschitz], given.where.states
     if all(known.proven for known in slopes):
         return (PROVEN,)
-    return deterministic_tier(padding), estimate_tier(states, [known.constants for known in slopes], rough, extra)
+    text = f"{extra} {directed_words(states, directed, factors)}".strip()
+    return deterministic_tier(padding), estimate_tier(states, [known.constants for known in slopes], rough, text)
 
 
 def deterministic_tier(padding: str) -> Tier:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -21,12 +22,11 @@ from simgap.gap.bounds.basis import Basis, Form, make_form, negated
 from simgap.gap.bounds.function import Tier
 from simgap.gap.bounds.linear import LinearGap
 from simgap.gap.fitting.acceptance import remedy
-from simgap.gap.fitting.dimension_fit import BoundInputs, DimensionFit, Sides, directed_words, guarantee
+from simgap.gap.fitting.dimension_fit import BoundInputs, DimensionFit, Sides, guarantee
 from simgap.gap.fitting.padding import SideFit, SideProblem, fit_side, padded
 from simgap.gap.fitting.scenario import Design
-from simgap.gap.lipschitz.grid import DimensionLipschitz
 from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
-from simgap.gap.sampling.values import Centres, Combined
+from simgap.gap.sampling.values import centres, combined
 from simgap.geometry import Box
 from simgap.statistics import fewest, reach
 
@@ -80,7 +80,7 @@ class LinearFit(DimensionFit, kind="linear"):
         """Solve the scenario programs of one dimension: two sides, or one for both."""
         where, _ = samples.where, samples.ranges  # refuses samples that are not those of a known gap
         basis = basis_of(where, settings)
-        design, blank = Design(basis, Centres(where.grid), where.inputs), blank_form(basis, where)
+        design, blank = Design(basis, centres(where.grid), where.inputs), blank_form(basis, where)
         wanted = {"upper": (True,), "lower": (False,)} if settings.signed else {"both": (True, False)}
         problems = {name: SideProblem(design, samples, sides, blank) for name, sides in wanted.items()}
         return cls(basis.terms, {name: fit_side(problem, settings) for name, problem in problems.items()})
@@ -103,7 +103,7 @@ class LinearFit(DimensionFit, kind="linear"):
                     f"cells are rough; {known.grid.place(where.states, where.grid.box.lo, where.grid.box.hi)}",
                     remedy(where, settings, known.grid, rough, residual=True),
                 )
-        tiers = _tiers(where, settings, given.lipschitz, sides)
+        tiers = _tiers(given, sides)
         if settings.signed:
             lows = tuple(negated(s["lower"].form) for s in sides)
             return _lifted(LinearGap(where.domain, tiers, lows, tuple(s["upper"].form for s in sides))), sides
@@ -120,21 +120,15 @@ def _lifted(function: LinearGap) -> LinearGap:
     raise BrokenPromise("the gap bound cannot be made wide enough to be never upside down")
 
 
-def _tiers(
-    where: SampleGrid, settings: GapSection, lipschitz: Sequence[DimensionLipschitz], sides: Sequence[Sides]
-) -> tuple[Tier, ...]:
-    rough = [max(s.fit.rough_share for s in own.values()) for own in sides]
-    extra = ""
-    if settings.padding == "inflate":
-        pads = "; ".join(
-            f"{n}: {max(s.fit.padding for s in own.values()):.3g}" for n, own in zip(where.states, sides, strict=True)
-        )
+def _tiers(given: BoundInputs, sides: Sequence[Sides]) -> tuple[Tier, ...]:
+    def largest(name: str) -> list[Any]:
+        return [max(getattr(side.fit, name) for side in own.values()) for own in sides]
+
+    padding, extra = given.settings.padding, ""
+    if padding == "inflate":
+        pads = "; ".join(f"{n}: {v:.3g}" for n, v in zip(given.where.states, largest("padding"), strict=True))
         extra = f"The padding uses the local slopes in each cell, less those of the fit; at most {pads}."
-    directed = max(s.fit.directed for own in sides for s in own.values())
-    factors = [max(s.fit.factor for s in own.values()) for own in sides]
-    beside = directed_words(where.states, directed, factors)
-    slopes = [known.grid for known in lipschitz]
-    return guarantee(settings.padding, where.states, slopes, rough, f"{extra} {beside}".strip())
+    return guarantee(padding, given, largest("rough_share"), max(largest("directed")), largest("factor"), extra)
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,10 +157,10 @@ class CentreFit(
                 remedy="Use scenario or envelope.",
             )
         basis = basis_of(samples.where, settings)
-        design = Design(basis, Centres(samples.where.grid), samples.where.inputs)
+        design = Design(basis, centres(samples.where.grid), samples.where.inputs)
         d = samples.side(upper=True)
         q = design.least_squares(d) if settings.signed else np.zeros(basis.size)
-        squares = Combined(lambda own, fitted: (own - fitted) ** 2, (d, design.product(q)))
+        squares = combined(lambda own, fitted: (own - fitted) ** 2, d, design.product(q))
         scale = float(np.sqrt(squares.mean()))
         return cls(basis.terms, q, scale if scale > 0.0 else 1.0)
 

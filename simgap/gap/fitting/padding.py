@@ -33,7 +33,7 @@ from simgap.gap.lipschitz.grid import GridLipschitz
 from simgap.gap.lipschitz.local import EnclosedPadding, FitSlopes, LocalPadding, OffGrid
 from simgap.gap.sampling.borders import Directed
 from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
-from simgap.gap.sampling.values import Centres, Combined, Joined, Values, largest_of
+from simgap.gap.sampling.values import Values, centres, combined, joined, largest_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,11 +82,6 @@ class PaddedSide:
         }  # fmt: skip
 
 
-def with_coefficients(blank: Form, coefficients: Floats) -> Form:
-    """q.p, q (z,), with the ranges that `blank` has of the basis."""
-    return replace(blank, coefficients=coefficients)
-
-
 def numerical(form: Form, floor: float) -> float:
     """Rounding of q.p at the samples and of the sampled gap itself."""
     return form.rounding + floor / 16.0
@@ -99,17 +94,19 @@ def padded(
 
     L1 is of the signed gap (L(|d|) <= L(d)) and an estimate; L2 of q.p is an analytic bound.
     """
-    form, h = with_coefficients(blank, fit.scenario.coefficients), where.moving_half_widths
-    if padding == "inflate":
-        reach = 0.0
-    elif padding == "per_axis":
-        reach = float((lipschitz.constants + form.gradient_bound) @ h)
-    else:
-        reach = float((lipschitz.euclidean + np.linalg.norm(form.gradient_bound)) * np.linalg.norm(h))
+    form, reach = replace(blank, coefficients=fit.scenario.coefficients), 0.0
     if padding != "inflate":
+        reach = constant_padding(padding, lipschitz, where.moving_half_widths, form.gradient_bound)
         fit = replace(fit, padding=reach, padding_mean=reach, rough_share=lipschitz.rough_share)
     raised = reach + fit.missing + numerical(form, floor)
     return PaddedSide(form.with_offset(raised), fit, raised)
+
+
+def constant_padding(padding: str, lipschitz: GridLipschitz, h: Floats, gradient: Floats) -> float:
+    """Largest move within a cell of half-widths h (nx,), by the constants and a gradient (nx,): `per_axis`, `paper`."""
+    if padding == "per_axis":
+        return float((lipschitz.constants + gradient) @ h)
+    return float((lipschitz.euclidean + np.linalg.norm(gradient)) * np.linalg.norm(h))
 
 
 _PASSES = 5
@@ -143,7 +140,7 @@ class SideProblem:
     def joined(self) -> SideProblem:
         """The problem whose design has the samples beside the grid as further rows."""
         beside = self.samples.beside
-        return self if beside is None else replace(self, design=replace(self.design, x=Joined(self.design.x, beside.x)))
+        return self if beside is None else replace(self, design=replace(self.design, x=joined(self.design.x, beside.x)))
 
     @property
     def is_joined(self) -> bool:
@@ -155,11 +152,11 @@ class SideProblem:
         """Targets of all rows of the design."""
         if not self.is_joined:
             return self.targets
-        return [Joined(*pair) for pair in zip(self.targets, self.beside_targets, strict=True)]
+        return [joined(*pair) for pair in zip(self.targets, self.beside_targets, strict=True)]
 
     def fit(self, q: Floats) -> FitSlopes:
         """q.p at the samples of the grid, as a padding needs it."""
-        design, form = replace(self.design, x=Centres(self.samples.where.grid)), with_coefficients(self.blank, q)
+        design, form = replace(self.design, x=centres(self.samples.where.grid)), replace(self.blank, coefficients=q)
         return FitSlopes(design.product(q), lambda j: design.slope(q, j), form.hessian_bound)
 
 
@@ -193,7 +190,7 @@ def fit_side(problem: SideProblem, settings: GapSection) -> SideFit:
 def _solved(problem: SideProblem, settings: GapSection) -> SideFit:
     if settings.padding == "inflate":
         return _inflate(problem, settings)
-    target = largest_of(tuple(problem.every_target))
+    target = largest_of(problem.every_target)
     result = solve_scenario(problem.design, target, settings.objective, settings.slack)
     return SideFit(result, 0.0, 0.0, result.worst_violation, 1, 0.0)
 
@@ -205,7 +202,7 @@ def _shortfall(problem: SideProblem, directed: Directed, settings: GapSection, f
     allow across the surface (1 or less: they said the truth).
     """
     q, samples = fit.scenario.coefficients, problem.samples
-    form, known = with_coefficients(problem.blank, q), problem.fit(q)
+    form, known = replace(problem.blank, coefficients=q), problem.fit(q)
     there = Design.of(problem.design.basis, directed.x, problem.design.u).product(q).whole()
     short, factor = -np.inf, 0.0
     for up, at, target in zip(problem.sides, problem.beside_targets, problem.targets, strict=True):
@@ -221,13 +218,13 @@ def _shortfall(problem: SideProblem, directed: Directed, settings: GapSection, f
 def _inflate(problem: SideProblem, settings: GapSection) -> SideFit:
     targets, samples = problem.every_target, problem.samples
     local = [local_padding(samples, up) for up in problem.sides]
-    result = solve_scenario(problem.design, largest_of(tuple(targets)), settings.objective, settings.slack)
+    result = solve_scenario(problem.design, largest_of(targets), settings.objective, settings.slack)
     goal = "sup" if settings.objective == "eta" else "mean"
     fits: list[tuple[float, SideFit]] = []
     for count in range(1, _PASSES + 1):
         q = result.coefficients
-        values, known, form = problem.design.product(q), problem.fit(q), with_coefficients(problem.blank, q)
-        pads = [padding.of_residual(known) for padding in local]
+        values, known, form = problem.design.product(q), problem.fit(q), replace(problem.blank, coefficients=q)
+        pads = [padding.of(known) for padding in local]
         top = max(pad.ends()[1] for pad, _ in pads)
         mean = float(np.mean([pad.mean() for pad, _ in pads]))
         rough = max(share for _, share in pads)
@@ -236,9 +233,9 @@ def _inflate(problem: SideProblem, settings: GapSection) -> SideFit:
             there = values[samples.where.grid.size : problem.design.shape[0]]
             for k, (up, at) in enumerate(zip(problem.sides, problem.beside_targets, strict=True)):
                 beside = OffGrid.of(samples.beside, samples.where.grid, at - there)
-                every[k] = Joined(every[k], estimated_padding(samples, up).along(beside, known)[0])
-        padded = largest_of(tuple(Combined(np.add, pair) for pair in zip(targets, every, strict=True)))
-        missing = Combined(np.subtract, (padded, values)).ends()[1]
+                every[k] = joined(every[k], estimated_padding(samples, up).along(beside, known)[0])
+        padded = largest_of([combined(np.add, *pair) for pair in zip(targets, every, strict=True)])
+        missing = combined(np.subtract, padded, values).ends()[1]
         reached = float(getattr(result, goal)) + (missing + numerical(form, samples.floor))
         fits.append((reached, SideFit(result, top, mean, missing, count, rough)))
         if abs(missing) <= 1e-2 * top or count == _PASSES:

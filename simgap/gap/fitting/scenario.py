@@ -29,10 +29,9 @@ from simgap.arrays import Floats
 from simgap.errors import UserError
 from simgap.gap.bounds.basis import Basis
 from simgap.gap.json_record import JsonRecord
-from simgap.gap.sampling.values import Combined, Held, OfStates, Rows, Values, values
+from simgap.gap.sampling.values import Rows, Values, combined, of_states, values
+from simgap.geometry import mesh
 from simgap.late import scipy
-from simgap.late import sympy as sp
-from simgap.model.symbolic import symbol
 
 _ADD = 96  # rows that join in a round, from each kind
 _ROUNDS = 60
@@ -50,7 +49,7 @@ class Design:
     @staticmethod
     def of(basis: Basis, x: Floats, u: Floats) -> Design:
         """The design of states in memory."""
-        return Design(basis, Held(x), u)
+        return Design(basis, values(x), u)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -73,16 +72,11 @@ class Design:
 
     @cached_property
     def _functions(self) -> list[Term]:
-        return [self._compiled(e) for e in self.basis.exprs]
+        return [self.basis.compiled(e) for e in self.basis.exprs]
 
     @cached_property
     def _slope_functions(self) -> list[list[Term | None]]:
-        return [[None if e == 0 else self._compiled(e) for e in row] for row in self.basis.gradients]
-
-    def _compiled(self, expr: sp.Expr) -> Term:
-        symbols = [symbol(s) for s in (*self.basis.states, *self.basis.inputs)]
-        function: Term = sp.lambdify(symbols, expr, modules="numpy", cse=True)
-        return function
+        return [[None if e == 0 else self.basis.compiled(e) for e in row] for row in self.basis.gradients]
 
     def columns(self, x: Floats) -> list[Floats]:
         """Every term at states (n, nx), in shapes that broadcast to (n, M)."""
@@ -111,7 +105,7 @@ class Design:
                 total += part
             return total
 
-        return OfStates(summed, self.x, len(self.u))
+        return of_states(summed, self.x, len(self.u))
 
     def _parts(self) -> Iterator[tuple[float, list[Floats]]]:
         """Blocks of states as those of values of this shape: their share of all, and every term there."""
@@ -252,7 +246,7 @@ def solve_scenario(
         rounds, closed = rounds + more, closed and closed_again
     q = scaled.coefficients(y)
     fitted = design.product(q)
-    violation = max(Combined(np.subtract, (target, fitted)).ends()[1], 0.0)
+    violation = max(combined(np.subtract, target, fitted).ends()[1], 0.0)
     if closed:
         status = "solved: no sample is violated by more than the tolerance"
     else:
@@ -273,7 +267,7 @@ def _first_rows(scaled: _Scaled) -> Rows:
     states = np.unique([*outermost(scaled.design.x), n // 2])
     inputs = np.unique([*u.argmin(axis=0), *u.argmax(axis=0), m // 2])
     corners = (states[:, None] * m + inputs).ravel()
-    missed, _ = scan(scaled.target, scaled.design.product(scaled.start), None, _ADD)
+    missed, _ = scan(scaled.target, scaled.design.product(scaled.start), None)
     return np.unique(np.concatenate([corners, missed.rows(-np.inf)]))
 
 
@@ -282,8 +276,8 @@ def _generate(scaled: _Scaled, rows: Rows, cap: float | None) -> tuple[float, Fl
     y, eta = np.zeros(scaled.design.whitening.shape[1]), 0.0
     for count in range(1, _ROUNDS + 1):
         y, eta = _solve_working_set(scaled, rows, cap)
-        found = scan(scaled.target, scaled.design.product(scaled.coefficients(y)), eta, _ADD)
-        largest = max(own.largest for own in found)
+        found = scan(scaled.target, scaled.design.product(scaled.coefficients(y)), eta)
+        largest = max(float(own.top.max()) for own in found)
         if largest <= scaled.tolerance:
             return eta, y, rows, count, True
         grown = np.union1d(rows, np.union1d(*(own.rows(scaled.tolerance) for own in found)))
@@ -351,65 +345,53 @@ def _linear_program(goal: Floats, left: Floats, right: Floats) -> Floats:
     )  # fmt: skip
 
 
-class Most:
-    """The largest number of each of some columns so far, and the first row where it stands."""
+class Worst:
+    """The largest numbers so far, for each slice of states and each input or column, so that they are spread out.
 
-    def __init__(self, columns: int) -> None:
-        self.top, self.at = np.full(columns, -np.inf), np.zeros(columns, dtype=np.int64)
+    Attributes:
+        top: (slices, columns) the numbers. at: the first row where each stands.
+    """
 
-    def update(self, some: Floats, first: int) -> None:
-        """Look at further rows (n, columns), which begin with row `first`."""
+    def __init__(self, slices: int, columns: int) -> None:
+        self.top, self.at = np.full((slices, columns), -np.inf), np.zeros((slices, columns), dtype=np.int64)
+
+    def update(self, k: int, some: Floats, first: int) -> None:
+        """Look at further rows (n, columns) of slice k, which begin with row `first`."""
         at = some.argmax(axis=0)
         top = some[at, np.arange(len(at))]
-        better = top > self.top
-        self.top[better], self.at[better] = top[better], first + at[better]
+        better = top > self.top[k]
+        self.top[k, better], self.at[k, better] = top[better], first + at[better]
+
+    def rows(self, tolerance: float) -> Rows:
+        """Row numbers of samples of the worst ones that are larger than the tolerance, `_ADD` of them at most."""
+        rows, size = (self.at * self.at.shape[1] + np.arange(self.at.shape[1])).ravel(), self.top.ravel()
+        order = np.argsort(-size)[:_ADD]
+        return rows[order][size[order] > tolerance]
 
 
 def outermost(x: Values) -> Rows:
     """The first rows that are least and largest along each axis, and largest along each diagonal, of states (N, nx)."""
     lo = np.min([x[block].min(axis=0) for block in x.blocks()], axis=0)
     hi = np.max([x[block].max(axis=0) for block in x.blocks()], axis=0)
-    signs = np.array(np.meshgrid(*([[-1.0, 1.0]] * len(lo)), indexing="ij")).reshape(len(lo), -1)
-    signs /= np.where(hi > lo, hi - lo, 1.0)[:, None]
-    most = Most(2 * len(lo) + signs.shape[1])
+    signs = mesh(*[np.array([-1.0, 1.0])] * len(lo)).T / np.where(hi > lo, hi - lo, 1.0)[:, None]
+    most = Worst(1, 2 * len(lo) + signs.shape[1])
     for block in x.blocks():
         own = x[block]
         diagonals = np.sum([own[:, [j]] * row for j, row in enumerate(signs)], axis=0)
-        most.update(np.concatenate([-own, own, diagonals], axis=1), block.start)
-    return most.at
+        most.update(0, np.concatenate([-own, own, diagonals], axis=1), block.start)
+    return most.at[0]
 
 
-@dataclass(frozen=True)
-class Worst:
-    """Violations of rows: the largest for each slice of states and each input, so that they are spread out."""
-
-    slices: tuple[Most, ...]
-    most: int
-
-    @property
-    def largest(self) -> float:
-        """The largest of all."""
-        return max(float(own.top.max()) for own in self.slices)
-
-    def rows(self, tolerance: float) -> Rows:
-        """Row numbers of the worst ones that are larger than the tolerance, `most` of them at most."""
-        inputs = np.arange(len(self.slices[0].at))
-        rows = np.concatenate([own.at * len(inputs) + inputs for own in self.slices])
-        size = np.concatenate([own.top for own in self.slices])
-        order = np.argsort(-size)[: self.most]
-        return rows[order][size[order] > tolerance]
-
-
-def scan(target: Values, product: Values, eta: float | None, most: int) -> tuple[Worst, Worst]:
+def scan(target: Values, product: Values, eta: float | None) -> tuple[Worst, Worst]:
     """Shortfall of rows (N, M) below their targets, and their excess over eta, of which without it there is none."""
     n, m = target.shape
-    slices = min(n, max(1, most // m))
+    slices = min(n, max(1, _ADD // m))
     ends = np.cumsum([0, *(n // slices + (k < n % slices) for k in range(slices))])
-    short, over = (tuple(Most(m) for _ in range(slices)) for _ in range(2))
+    short, over = Worst(slices, m), Worst(slices, m)
     for k, (start, stop) in enumerate(pairwise(ends.tolist())):
         for block in product.blocks(start, stop):
             values = product[block]
-            short[k].update(target[block] - values, block.start)
+            short.update(k, target[block] - values, block.start)
             if eta is not None:
-                over[k].update(values - eta, block.start)
-    return Worst(short, most), Worst(over, most)
+                over.update(k, values - eta, block.start)
+    return short, over

@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from simgap.arrays import Bools, Floats
 from simgap.errors import UserError
 from simgap.gap.json_record import JsonRecord
-from simgap.gap.sampling.values import Centres, Values, values
+from simgap.gap.sampling.values import Values, centres, values
 from simgap.gap.thresholds import CROWDED, EVERYWHERE, GATE, SPLIT_GATE, STEEP_SHARE, THIN
 from simgap.geometry import Grid
 from simgap.late import scipy
@@ -163,7 +163,9 @@ def slabs(grid: Grid, inputs: int, reach: int) -> Iterator[Slab]:
         layers = sum(last - first for first, last in ranges)
         cells = [layers if j == axis else own for j, own in enumerate(grid.cells)]
         ends = tuple((first * rows, last * rows) for first, last in ranges)
-        yield Slab(Grid(grid.box, cells, periodic), ends, axis, inner, a * rows, tuple(_some(inputs, layers * rows)))
+        step = max(1, PIECE // (layers * rows))
+        some = tuple(slice(first, min(first + step, inputs)) for first in range(0, inputs, step))
+        yield Slab(Grid(grid.box, cells, periodic), ends, axis, inner, a * rows, some)
 
 
 def _wrapped(first: int, last: int, count: int) -> list[tuple[int, int]]:
@@ -175,12 +177,6 @@ def _wrapped(first: int, last: int, count: int) -> list[tuple[int, int]]:
         found.append((start, stop))
         first += stop - start
     return found
-
-
-def _some(inputs: int, rows: int) -> Iterator[slice]:
-    step = max(1, PIECE // rows)
-    for first in range(0, inputs, step):
-        yield slice(first, min(first + step, inputs))
 
 
 @dataclass(frozen=True)
@@ -276,9 +272,7 @@ class GridLipschitz(
 def worse(a: GridLipschitz, b: GridLipschitz) -> GridLipschitz:
     """Number by number the larger of two estimates: what holds for both; a box around both their rough cells."""
     boxes = [box for box in (a.rough_box, b.rough_box) if box is not None]
-    hull = (
-        np.stack([np.min([lo for lo, _ in boxes], axis=0), np.max([hi for _, hi in boxes], axis=0)]) if boxes else None
-    )
+    hull = np.stack([np.min(boxes, axis=0)[0], np.max(boxes, axis=0)[1]]) if boxes else None
     constants, slopes, ratio, smooth = (
         np.maximum(getattr(a, name), getattr(b, name)) for name in ("constants", "slopes", "ratio", "smooth")
     )
@@ -452,7 +446,7 @@ class _Found:
         ends = np.stack([self.grid.axis(j)[own] for j, own in enumerate(marked)], axis=1)
         box = ends + np.array([[-1.0], [1.0]]) * self.grid.h
         layers = tuple(o for j in axes if (o := self._layer(j)) is not None)
-        at = Centres(self.grid)[np.array([self.at])][0]
+        at = centres(self.grid)[np.array([self.at])][0]
         return GridLipschitz(
             self.constants, self.slopes, ratio, self.smooth, share, box, self.jump, layers=layers, at=at
         )

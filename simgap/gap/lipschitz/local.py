@@ -24,7 +24,7 @@ The smaller one is taken (`EnclosedPadding`).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -45,7 +45,7 @@ from simgap.gap.lipschitz.grid import (
     widest,
 )
 from simgap.gap.sampling.borders import Borders, Directed
-from simgap.gap.sampling.values import Combined, Held, Kept, Room, Values
+from simgap.gap.sampling.values import Kept, Room, Values, combined, in_memory, values
 from simgap.gap.thresholds import GATE
 from simgap.geometry import Grid
 
@@ -99,7 +99,7 @@ class LocalPadding:
     grid: Grid
     free: tuple[int, ...]
     floor: float
-    room: Room = field(default=Held.room)
+    room: Room = in_memory
 
     @cached_property
     def axes(self) -> tuple[int, ...]:
@@ -112,14 +112,6 @@ class LocalPadding:
 
     def _slabs(self) -> Iterator[Slab]:
         return slabs(self.grid, self.target.shape[1], REACH)
-
-    def of_target(self) -> tuple[Values, float]:
-        """Padding of t itself (q = 0): (N, M), and the share of rough cells."""
-        return self._padding(None)
-
-    def of_residual(self, fit: FitSlopes) -> tuple[Values, float]:
-        """Padding of t - q.p: (N, M), and the share of rough cells."""
-        return self._padding(fit)
 
     def along(self, beside: OffGrid, fit: FitSlopes | None = None) -> tuple[Floats, Floats]:
         """Largest moves of t - q.p from samples beside the grid: along their surface, across it; (E, M) each.
@@ -148,17 +140,18 @@ class LocalPadding:
         moving = np.array([h if j in self.axes else 0.0 for j, h in enumerate(self.grid.h)])
         return 0.5 * float(moving @ fit.curvature @ moving) if fit is not None and fit.curvature.size else 0.0
 
-    def _padding(self, fit: FitSlopes | None) -> tuple[Values, float]:
+    def of(self, fit: FitSlopes | None = None) -> tuple[Values, float]:
+        """Padding of t - q.p, of t itself without a fit: (N, M), and the share of rough cells."""
         bend, pad, marked, usual = self._bend(fit), self.room(self.target.shape), 0, 0.0
         rough = [self._rough]
         if fit is not None:  # t has the jumps on samples
-            residual = Combined(np.subtract, (self.target, fit.values))
+            residual = combined(np.subtract, self.target, fit.values)
             rough.append(roughness(residual, self.grid, self.axes, self.floor, split=False))
         any_rough = any(own.any for own in rough)
         for slab in self._slabs():
             of_slab, own = _Read(slab, self, fit), _rows(slab, self.target)
             for some in slab.inputs:
-                own[..., some] = of_slab.total(some) + bend
+                own[..., some] = sum(part for _, part in of_slab.parts(some)) + bend
                 if any_rough:
                     marks = of_slab.marks(rough, some)
                     marked += int(marks.sum())
@@ -217,13 +210,6 @@ class _Read:
             beside = to_cells(step, j, grid, expected) + turns(step, j, grid, axes)
             yield j, 0.5 * self.slab.own(widest(beside, grid, axes))
 
-    def total(self, some: slice) -> Floats:
-        """Sum of the shares of all axes."""
-        found: Floats = np.zeros(1)
-        for _, part in self.parts(some):
-            found = found + part
-        return found
-
     def marks(self, rough: list[Roughness], some: slice) -> Bools:
         """Rough cells of the target and of the residual."""
         fields = (self.field, self.residual)
@@ -252,30 +238,23 @@ class EnclosedPadding:
     ranges: CellRanges
     upper: bool
 
-    @property
-    def axes(self) -> tuple[int, ...]:
-        """All of them."""
-        return tuple(range(len(self.ranges.reach)))
-
-    def of_target(self) -> tuple[Values, float]:
-        """Padding of t itself (q = 0): (N, M), and 0, the share of cells whose padding is no bound."""
-        none = Held(np.zeros(self.target.shape))
-        return self.of_residual(FitSlopes(none, lambda j: none, np.zeros((0, 0))))
-
-    def of_residual(self, fit: FitSlopes) -> tuple[Values, float]:
-        """Padding of t - q.p: (N, M), and 0."""
+    def of(self, fit: FitSlopes | None = None) -> tuple[Values, float]:
+        """Padding of t - q.p, of t itself without a fit: (N, M), and 0, the share of cells where it is no bound."""
+        if fit is None:
+            none = values(np.zeros(self.target.shape))
+            fit = FitSlopes(none, lambda j: none, np.zeros((0, 0)))
         known, r, curvature, target = self.ranges, self.ranges.reach, fit.curvature, self.target.whole()
         sign, top, centre = (1.0, known.hi, known.centre_hi) if self.upper else (-1.0, -known.lo, -known.centre_lo)
         bend = 0.5 * float(r @ curvature @ r) if curvature.size else 0.0
         steep, flat = centre - target, top - target
-        for j in self.axes:
+        for j in range(len(r)):
             own = fit.slope(j).whole()
             a, b = sign * known.slope_lo[..., j], sign * known.slope_hi[..., j]
             steep = steep + np.maximum(np.abs(a - own), np.abs(b - own)) * r[j]
             flat = flat + np.abs(own) * r[j]
         pad = np.maximum(np.fmin(steep, flat) + bend, 0.0) * _OUTWARD
         spread = 2.0**-50 * (np.abs(target) + np.abs(fit.values.whole()))
-        return Held(pad + 2.0 * known.rounding + spread), 0.0
+        return values(pad + 2.0 * known.rounding + spread), 0.0
 
 
 def enclosed_constants(known: CellRanges, h: Floats) -> GridLipschitz:

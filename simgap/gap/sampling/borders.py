@@ -31,15 +31,16 @@ from simgap.gap.sampling.points import (
     Columns,
     covering_grid,
     free_axes,
+    gap_ends,
     product,
     remembers,
     stacked,
     successor_columns,
-    successors,
 )
 from simgap.gap.sampling.symmetry import shifted_states
 from simgap.gap.sampling.values import check_numbers
 from simgap.gap.thresholds import CHECK_LEVELS, LEAST_CHECKED_BORDER, MOST_BORDER_STATES
+from simgap.geometry import mesh
 from simgap.late import sympy as sp
 from simgap.model.symbolic import symbol
 from simgap.plants.context import Context
@@ -130,10 +131,12 @@ def critical_points(
         lattice: levels of the coordinates that are not fixed, one array for each axis; evenly spaced by default.
         most: states; a lattice with more is thinned.
     """
-    nx = domain.box.size
     functions = [_Function.of(domain, surface) for surface in surfaces]
-    levels = [_even(domain, j) for j in range(nx)] if lattice is None else [np.sort(own) for own in lattice]
-    levels = [_middle(domain, j) if j in domain.free else own for j, own in enumerate(levels)]
+    box = domain.box
+    if lattice is None:
+        lattice = [np.linspace(lo, hi, _LATTICE + 2)[1:-1] for lo, hi in zip(box.lo, box.hi, strict=True)]
+    middle = 0.5 * (box.lo + box.hi)
+    levels = [middle[[j]] if j in domain.free else np.sort(own) for j, own in enumerate(lattice)]
     while True:
         thin = max(len(own) for own in levels) <= 2
         if thin or border_count([len(own) for own in levels], domain.free) <= most:  # else: not even listed
@@ -161,17 +164,17 @@ def thinned_count(levels: Sequence[int], free: Sequence[int], most: int) -> int:
 
 def _listed(domain: GapDomain, functions: Sequence[_Function], levels: Sequence[Floats]) -> Borders:
     nx = domain.box.size
-    fixed = [_ends(domain, j) for j in range(nx)]
+    fixed = [np.array([] if j in domain.free else [domain.box.lo[j], domain.box.hi[j]]) for j in range(nx)]
     for function in functions:
         if len(function.axes) == 1 and not function.of_inputs:
             (j,) = function.axes
             line = 0.5 * (domain.box.lo + domain.box.hi)[None]
-            fixed[j] = np.union1d(fixed[j], _beside(domain, j, function.roots(domain, line, j)[1]))
+            fixed[j] = np.union1d(fixed[j], _sides(domain, j, function.roots(domain, line, j)[1]))
     every = [np.union1d(own, ends) for own, ends in zip(levels, fixed, strict=True)]
     faces = [[fixed[k] if k == j else every[k] for k in range(nx)] for j in range(nx) if len(fixed[j])]
-    mesh = np.concatenate([np.empty((0, nx)), *map(_product, faces)])  # what lies inside X is never listed
-    held = np.stack([np.isin(mesh[:, j], fixed[j]) for j in range(nx)], axis=1)
-    parts = [(mesh, held, _numbered(np.where(held, mesh, np.nan)))]
+    border = np.concatenate([np.empty((0, nx)), *(mesh(*face) for face in faces)])  # what lies inside X is never listed
+    held = np.stack([np.isin(border[:, j], fixed[j]) for j in range(nx)], axis=1)
+    parts = [(border, held, _numbered(np.where(held, border, np.nan)))]
     for function in functions:
         if len(function.axes) > 1 or (function.axes and function.of_inputs):
             parts += [_along(domain, function, j, every, fixed) for j in function.axes]
@@ -189,15 +192,15 @@ def _along(
 
     Shapes (n, nx), (n, nx), (n,).
     """
-    lines = _product([every[k] if k != j else np.zeros(1) for k in range(domain.box.size)])
+    lines = mesh(*(every[k] if k != j else np.zeros(1) for k in range(domain.box.size)))
     which, roots, branch = function.roots(domain, lines, j)
-    sides = [_side(domain, j, roots, side) for side in (-1.0, 0.0, 1.0)]
-    x = np.repeat(lines[which], len(sides), axis=0)
-    x[:, j] = np.stack(sides, axis=1).ravel()
+    sides = _sides(domain, j, roots)
+    x = np.repeat(lines[which], sides.shape[1], axis=0)
+    x[:, j] = sides.ravel()
     held = np.stack([np.isin(x[:, k], fixed[k]) for k in range(domain.box.size)], axis=1)
     held[:, j] = True
-    side = np.tile(np.arange(len(sides)), len(which))
-    return x, held, _numbered(np.column_stack([np.repeat(branch, len(sides)), side, held]).astype(float))
+    side = np.tile(np.arange(sides.shape[1]), len(which))
+    return x, held, _numbered(np.column_stack([np.repeat(branch, sides.shape[1]), side, held]).astype(float))
 
 
 def _numbered(keys: Floats) -> Ints:
@@ -230,14 +233,14 @@ class _Function:
         Roots of neighbouring lines that come as the same one of the same input are of one branch.
         """
         lo, hi = domain.box.lo[j], domain.box.hi[j]
-        mesh = np.linspace(lo, hi, _MESH)
+        levels = np.linspace(lo, hi, _MESH)
         which, ends, branches = [np.empty(0, np.int64)], [np.empty(0)], [np.empty(0, np.int64)]
         for number, u in enumerate(domain.input_set if self.of_inputs else domain.input_set[:1]):
             x = np.repeat(lines, _MESH, axis=0)
-            x[:, j] = np.tile(mesh, len(lines))
+            x[:, j] = np.tile(levels, len(lines))
             sign = np.sign(self(x, np.tile(u, (len(x), 1)))).reshape(len(lines), _MESH)
             row, column = np.nonzero((sign[:, :-1] != sign[:, 1:]) & np.isfinite(sign[:, :-1] + sign[:, 1:]))
-            left, right, before = mesh[column], mesh[column + 1], sign[row, column]
+            left, right, before = levels[column], levels[column + 1], sign[row, column]
             for _ in range(_HALVINGS):
                 middle = 0.5 * (left + right)
                 at = lines[row].copy()
@@ -251,29 +254,10 @@ class _Function:
         return np.concatenate(which), np.concatenate(ends), np.concatenate(branches)
 
 
-def _beside(domain: GapDomain, j: int, roots: Floats) -> Floats:
-    return np.unique(np.concatenate([_side(domain, j, roots, side) for side in (-1.0, 0.0, 1.0)]))
-
-
-def _side(domain: GapDomain, j: int, roots: Floats, side: float) -> Floats:
+def _sides(domain: GapDomain, j: int, roots: Floats) -> Floats:
+    """Coordinates below, on and above a surface that axis j meets at `roots` (k,): (k, 3)."""
     lo, hi = domain.box.lo[j], domain.box.hi[j]
-    return np.clip(roots + side * BESIDE * (hi - lo), lo, hi)
-
-
-def _ends(domain: GapDomain, j: int) -> Floats:
-    return np.empty(0) if j in domain.free else np.array([domain.box.lo[j], domain.box.hi[j]])
-
-
-def _middle(domain: GapDomain, j: int) -> Floats:
-    return np.array([0.5 * (domain.box.lo[j] + domain.box.hi[j])])
-
-
-def _even(domain: GapDomain, j: int) -> Floats:
-    return np.linspace(domain.box.lo[j], domain.box.hi[j], _LATTICE + 2)[1:-1]
-
-
-def _product(levels: Sequence[Floats]) -> Floats:
-    return np.stack(np.meshgrid(*levels, indexing="ij"), axis=-1).reshape(-1, len(levels))
+    return np.clip(roots[:, None] + np.array([-1.0, 0.0, 1.0]) * BESIDE * (hi - lo), lo, hi)
 
 
 FIT, CHECK, SHIFTED = "fit", "check", "shifted"
@@ -386,10 +370,7 @@ def border_gaps(context: Context, rolled: Columns, part: str, own: Borders) -> t
             "the samples on borders and beside switching surfaces are those of another case",
             remedy="Run `borders` again, and `scp` and `gap` after it.",
         )
-    predicted = context.plant.sampled.step(x, u)
-    ends = [successors(mine, state) for state in context.states]
-    lower, upper = (np.stack([pair[k] for pair in ends], axis=1) - predicted for k in (0, 1))
-    return x, u, lower, upper
+    return gap_ends(context.plant.sampled.step, mine, context.states, context.inputs)
 
 
 def roll_out_borders(case: Case, folder: Path, states: dict[str, Floats], inputs: Floats) -> tuple[Columns, str]:

@@ -8,7 +8,7 @@ inputs is not a function of X and U: its gap is taken over histories, seen from 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,6 +28,8 @@ _COVERING, _CELLS = "eps~", "cells~"
 
 Columns = Mapping[str, NDArray[Any]]
 """A table of samples: columns by name."""
+Step = Callable[[Floats, Floats], Floats]
+"""A nominal map: (n, nx), (n, nu) -> (n, nx)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,6 +208,16 @@ def body_samples(case: Case, columns: Columns, part: str | None = None) -> BodyS
 def stacked(columns: Columns, names: Sequence[str]) -> Floats:
     """Columns side by side: -> (rows, len(names))."""
     return np.stack([columns[name] for name in names], axis=-1)
+
+
+def gap_ends(
+    step: Step, rolled: Columns, states: Sequence[str], inputs: Sequence[str]
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """States, inputs, least and largest gap of a table of roll-outs: (n, nx), (n, nu), (n, nx), (n, nx)."""
+    x, u = stacked(rolled, states), stacked(rolled, inputs)
+    predicted, ends = step(x, u), [successors(rolled, name) for name in states]
+    lower, upper = (np.stack([pair[k] for pair in ends], axis=1) - predicted for k in (0, 1))
+    return x, u, lower, upper
 
 
 def successors(rolled: Columns, name: str) -> tuple[Floats, Floats]:

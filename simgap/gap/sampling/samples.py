@@ -30,7 +30,7 @@ from simgap.gap.sampling.points import (
     stacked,
     successors,
 )
-from simgap.gap.sampling.values import Centres, Combined, Held, Room, Values, check_numbers
+from simgap.gap.sampling.values import Kept, Room, Values, centres, check_numbers, combined, in_memory
 from simgap.geometry import Grid
 from simgap.plants.context import Context, pose_axes
 from simgap.simulators.body_samples import BodySamples, joined
@@ -100,7 +100,7 @@ class DimensionSamples:
     d: Values
     d_upper: Values | None = None
     directed: Directed | None = None
-    room: Room = Held.room
+    room: Room = in_memory
 
     def __post_init__(self) -> None:
         shape = self.where.grid.size, len(self.where.inputs)
@@ -148,7 +148,7 @@ class DimensionSamples:
     def side(self, upper: bool) -> Values:
         """(N, M) what one side has to cover: d for `hi`, -d for `-lo`."""
         own = self.d if self.d_upper is None or not upper else self.d_upper
-        return own if upper else Combined(np.negative, (own,))
+        return own if upper else combined(np.negative, own)
 
     @cached_property
     def largest(self) -> float:
@@ -157,6 +157,7 @@ class DimensionSamples:
 
 
 T = TypeVar("T")
+DELETE = "Delete the shards of this grid and run again."
 
 
 def read_back(make: Callable[[Mapping[str, Any]], T], data: Mapping[str, Any]) -> T:
@@ -182,8 +183,8 @@ def sample_grid(context: Context, points: Points) -> SampleGrid:
     """
     grid = covering_grid(context.case, context.box, points.name)
     same = points.states.shape == (grid.size, grid.box.size) and np.array_equal(points.inputs, context.input_set)
-    centres = Centres(grid)
-    if not same or not all(np.array_equal(points.states[block], centres[block]) for block in centres.blocks()):
+    wanted = centres(grid)
+    if not same or not all(np.array_equal(points.states[block], wanted[block]) for block in wanted.blocks()):
         raise UserError("the grid was made for another case", remedy="Run the grid stage again, and those after it.")
     names = tuple(context.states), tuple(context.inputs)
     free = free_axes(context.case)
@@ -208,50 +209,32 @@ def known_gap(context: Context) -> ClosedFormGap | None:
 
 
 def dimension_samples(
-    context: Context, points: Points, shards: Sequence[Columns], i: int, room: Room = Held.room
+    context: Context, points: Points, shards: Sequence[Columns], i: int, room: Room = in_memory
 ) -> DimensionSamples:
     """The signed gap of dimension i on the grid, from shards in order; `room` is where it is kept.
 
     Raises:
         UserError: shards that are not those of this grid.
     """
-    where, name = sample_grid(context, points), context.states[i]
-    model = context.plant.sampled
-    lower, upper = _Filled(room, where), None
+    where, name, width = sample_grid(context, points), context.states[i], len(points.inputs)
+    ends: list[Kept] = []
+    done = 0
     for rolled in shards:
-        done = lower.done
         x, u = stacked(rolled, context.states), stacked(rolled, context.inputs)
         check_rows(points, done, x, u)
-        predicted = model.step(x, u)[:, i]
-        least, largest = successors(rolled, name)
-        if largest is not least and upper is None:  # the second end takes room only where there is one
-            if done:
-                remedy = "Delete the shards of this grid and run again."
-                raise UserError("some shards hold ranges of successors and others do not", remedy=remedy)
-            upper = _Filled(room, where)
-        lower.add(least - predicted)
-        if upper is not None:
-            upper.add(largest - predicted)
-    if lower.done != where.size:
+        predicted, (least, largest) = context.plant.sampled.step(x, u)[:, i], successors(rolled, name)
+        found = [least] if largest is least else [least, largest]  # the second takes room only where there is one
+        ends = ends or [room((where.grid.size, width)) for _ in found]
+        if len(ends) != len(found):
+            raise UserError("some shards hold ranges of successors and others do not", remedy=DELETE)
+        for kept, values in zip(ends, found, strict=True):
+            kept.put(done, (values - predicted).reshape(-1, width))
+        done += len(x) // width
+    if done != where.grid.size:
         raise UserError(
-            f"the shards hold {lower.done} roll-outs, the grid {points.name} needs {where.size}",
-            remedy="Delete the shards of this grid and run again.",
+            f"the shards hold {done * width} roll-outs, the grid {points.name} needs {where.size}", remedy=DELETE
         )
-    return DimensionSamples(where, i, lower.kept, upper.kept if upper is not None else None, room=room)
-
-
-class _Filled:
-    """Numbers of a grid (N, M), from shards in order; they may end within a state."""
-
-    def __init__(self, room: Room, where: SampleGrid) -> None:
-        self.kept, self.done, self._left = room((where.grid.size, len(where.inputs))), 0, np.empty(0)
-
-    def add(self, some: Floats) -> None:
-        """The next ones, (n,)."""
-        width, left = self.kept.shape[1], np.concatenate([self._left, some])
-        whole = len(left) // width * width
-        self.kept.put((self.done - len(self._left)) // width, left[:whole].reshape(-1, width))
-        self.done, self._left = self.done + len(some), left[whole:]
+    return DimensionSamples(where, i, ends[0], ends[1] if len(ends) > 1 else None, room=room)
 
 
 def check_drawn(context: Context, x: Floats, u: Floats) -> None:
@@ -267,20 +250,14 @@ def check_drawn(context: Context, x: Floats, u: Floats) -> None:
 
 
 def check_rows(points: Points, first: int, x: Floats, u: Floats) -> None:
-    """Check that rows (n, nx), (n, nu) are those of the grid from row `first` on.
+    """Check that rows (n, nx), (n, nu) are those of whole states of the grid, from the state `first` on.
 
     Raises:
         UserError: if they are not.
     """
-    count = len(points.inputs)
-    start, stop = first // count, -(-(first + len(x)) // count)
-    states, inputs = product(points.states[start:stop], points.inputs)
-    own = slice(first - start * count, first - start * count + len(x))
-    if not (np.array_equal(states[own], x) and np.array_equal(inputs[own], u)):
-        raise UserError(
-            f"a shard is not one of the grid {points.name}, or the shards are out of order",
-            remedy="Delete the shards of this grid and run again.",
-        )
+    states, inputs = product(points.states[first : first + -(-len(x) // len(points.inputs))], points.inputs)
+    if not (np.array_equal(states, x) and np.array_equal(inputs, u)):
+        raise UserError(f"a shard is not one of the grid {points.name}, or the shards are out of order", remedy=DELETE)
 
 
 def check_histories(context: Context, points: Points, shards: Sequence[Columns]) -> None:

@@ -103,14 +103,12 @@ class SymmetryDeviation:
             return Tier(
                 2,
                 "The gap is assumed to depend on position and heading through the robot's own frame only. The engine "
-                "keeps this symmetry only approximately: among {self.samples:,} roll-outs repeated at random "
-                "headings the "
-                f"largest deviation was {added}; that is added to the bound and is an estimate.",
+                f"keeps this symmetry only approximately: among {self.samples:,} roll-outs repeated at random headings "
+                f"the largest deviation was {added}; that is added to the bound and is an estimate.",
             )
         return Tier(
             2,
             f"The gap is assumed not to depend on {', '.join(self.along)}. Among {self.samples:,} roll-outs repeated "
-            "at "
-            f"other places along {'it' if len(self.along) == 1 else 'them'}, the ends of X included, the largest "
+            f"at other places along {'it' if len(self.along) == 1 else 'them'}, the ends of X included, the largest "
             f"deviation was {added}; that is added to the bound and is an estimate.",
         )

@@ -6,8 +6,7 @@ numbers are kept.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,17 +20,19 @@ BLOCK = 2**20
 """Numbers that are looked at together, 8 MiB: of up to so many, sums are those of one array."""
 
 
-class Values(ABC):
-    """Numbers (N, M)."""
+@dataclass(frozen=True, eq=False)
+class Values:
+    """Numbers (N, M).
 
-    @property
-    @abstractmethod
-    def shape(self) -> tuple[int, int]:
-        """(N, M)."""
+    Attributes:
+        shape: (N, M). read: rows from one to before another, which may be a view, or by index (k,): -> (n, M).
+    """
 
-    @abstractmethod
+    shape: tuple[int, int]
+    read: Callable[[slice | Rows], Floats]
+
     def __getitem__(self, rows: slice | Rows) -> Floats:
-        """Rows from one to before another, which may be a view, or by index (k,): -> (n, M)."""
+        return self.read(rows)
 
     @property
     def size(self) -> int:
@@ -58,124 +59,76 @@ class Values(ABC):
         return min(lo for lo, _ in found), max(hi for _, hi in found)
 
 
+@dataclass(frozen=True, eq=False)
 class Kept(Values):
-    """Numbers that are kept somewhere, and can be written."""
+    """Numbers that are kept somewhere, and can be written: `put` writes rows (n, M) from a first one on."""
 
-    @abstractmethod
-    def put(self, first: int, rows: Floats) -> None:
-        """Write rows (n, M) from `first` on."""
+    put: Callable[[int, Floats], None]
 
 
 Room = Callable[[tuple[int, int]], Kept]
 """Where so many numbers can be kept."""
 
 
-@dataclass(frozen=True, eq=False)
-class Held(Kept):
-    """Numbers in memory."""
+def in_memory(shape: tuple[int, int]) -> Kept:
+    """Memory for so many numbers."""
+    array = np.empty(shape)
 
-    array: Floats
+    def put(first: int, rows: Floats) -> None:
+        array[first : first + len(rows)] = rows
 
-    @staticmethod
-    def room(shape: tuple[int, int]) -> Held:
-        """Memory for so many numbers."""
-        return Held(np.empty(shape))
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """(N, M)."""
-        return len(self.array), self.array.shape[1]
-
-    def __getitem__(self, rows: slice | Rows) -> Floats:
-        return self.array[rows]
-
-    def put(self, first: int, rows: Floats) -> None:
-        """See `Kept`."""
-        self.array[first : first + len(rows)] = rows
+    return Kept(shape, array.__getitem__, put)
 
 
 def values(given: Values | Floats) -> Values:
     """Values as they are, or an array (N, M) as values."""
-    return given if isinstance(given, Values) else Held(np.ascontiguousarray(given))
+    if isinstance(given, Values):
+        return given
+    array = np.ascontiguousarray(given)
+    return Values((array.shape[0], array.shape[1]), array.__getitem__)
 
 
-@dataclass(frozen=True, eq=False)
-class Combined(Values):
+def combined(function: Callable[..., Floats], *sources: Values) -> Values:
     """A function of the numbers of `sources` at the same places, such as a difference."""
-
-    function: Callable[..., Floats]
-    sources: tuple[Values, ...]
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """(N, M)."""
-        return self.sources[0].shape
-
-    def __getitem__(self, rows: slice | Rows) -> Floats:
-        return self.function(*(own[rows] for own in self.sources))
+    return Values(sources[0].shape, lambda rows: function(*(own[rows] for own in sources)))
 
 
-def largest_of(sources: tuple[Values, ...]) -> Values:
+def largest_of(sources: Sequence[Values]) -> Values:
     """The largest number of all sources at each place."""
-    return sources[0] if len(sources) == 1 else Combined(lambda *own: np.maximum.reduce(own), sources)
+    return sources[0] if len(sources) == 1 else combined(lambda *own: np.maximum.reduce(own), *sources)
 
 
-@dataclass(frozen=True, eq=False)
-class OfStates(Values):
+def of_states(function: Callable[[Floats], Floats], x: Values, inputs: int) -> Values:
     """A function of states x (N, nx), for M inputs: (n, nx) -> (n, M)."""
-
-    function: Callable[[Floats], Floats]
-    x: Values
-    inputs: int
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """(N, M)."""
-        return self.x.shape[0], self.inputs
-
-    def __getitem__(self, rows: slice | Rows) -> Floats:
-        return self.function(self.x[rows])
+    return Values((x.shape[0], inputs), lambda rows: function(x[rows]))
 
 
-@dataclass(frozen=True, eq=False)
-class Joined(Values):
+def joined(head: Values, more: Floats) -> Values:
     """Values with further rows (E, M) after them."""
+    count, width = head.shape
 
-    head: Values
-    more: Floats
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """(N + E, M)."""
-        return self.head.shape[0] + len(self.more), self.head.shape[1]
-
-    def __getitem__(self, rows: slice | Rows) -> Floats:
-        count = self.head.shape[0]
+    def read(rows: slice | Rows) -> Floats:
         if isinstance(rows, slice):
             if rows.stop <= count:
-                return self.head[rows]
-            further = self.more[max(0, rows.start - count) : rows.stop - count]
-            return np.concatenate([self.head[rows.start : count], further]) if rows.start < count else further
-        found, own = np.empty((len(rows), self.shape[1])), rows < count
-        found[own], found[~own] = self.head[rows[own]], self.more[rows[~own] - count]
+                return head[rows]
+            further = more[max(0, rows.start - count) : rows.stop - count]
+            return np.concatenate([head[rows.start : count], further]) if rows.start < count else further
+        found, own = np.empty((len(rows), width)), rows < count
+        found[own], found[~own] = head[rows[own]], more[rows[~own] - count]
         return found
 
+    return Values((count + len(more), width), read)
 
-@dataclass(frozen=True, eq=False)
-class Centres(Values):
+
+def centres(grid: Grid) -> Values:
     """Cell centres of a grid, (N, nx): computed where they are asked for."""
 
-    grid: Grid
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """(N, nx)."""
-        return self.grid.size, self.grid.box.size
-
-    def __getitem__(self, rows: slice | Rows) -> Floats:
+    def read(rows: slice | Rows) -> Floats:
         index = np.arange(rows.start, rows.stop) if isinstance(rows, slice) else rows
-        places = np.unravel_index(index, self.grid.cells)
-        return np.stack([self.grid.axis(j)[k] for j, k in enumerate(places)], axis=-1)
+        places = np.unravel_index(index, grid.cells)
+        return np.stack([grid.axis(j)[k] for j, k in enumerate(places)], axis=-1)
+
+    return Values((grid.size, grid.box.size), read)
 
 
 def check_numbers(shape: tuple[int, ...], given: dict[str, Floats | None]) -> None:

@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import pairwise
 from typing import Any, TypeVar
 
 import numpy as np
@@ -67,39 +68,18 @@ def layout(cells: tuple[int, ...], periodic: tuple[int, ...]) -> Ints:
     return out
 
 
-def table_size(shape: Ints, n: int) -> int:
-    """Numbers in the table of `layout(...)`, (4, 4), on n axes."""
-    return int(np.prod(shape[2, :n]))
-
-
-@njit(cache=True, nogil=True)
-def count_holes(inside, shape, n, table):  # type: ignore[no-untyped-def]
-    """Fill `table` with the summed-area counts of the cells where `inside` (flat, row-major, uint8) is 0."""
-    table[:] = 0
-    start = 4 - n
-    c = np.ones(4, np.int64)
-    p = np.ones(4, np.int64)
-    s = np.zeros(4, np.int64)
-    for j in range(n):
-        c[start + j] = shape[0, j]
-        p[start + j] = shape[2, j] - 1
-        s[start + j] = shape[3, j]
-    shift = s[0] + s[1] + s[2] + s[3]
-    for i0 in range(p[0]):
-        for i1 in range(p[1]):
-            for i2 in range(p[2]):
-                source = (((i0 % c[0]) * c[1] + i1 % c[1]) * c[2] + i2 % c[2]) * c[3]
-                target = shift + i0 * s[0] + i1 * s[1] + i2 * s[2]
-                total = np.int32(0)
-                for i3 in range(p[3]):
-                    total += np.int32(1) - inside[source + (i3 if i3 < c[3] else i3 - c[3])]
-                    table[target + i3] = total
-    for j in range(n - 1):
-        stride, length = shape[3, j], shape[2, j]
-        for outer in range(table.size // (stride * length)):
-            first = outer * stride * length
-            for i in range(first + stride, first + stride * length):
-                table[i] += table[i - stride]
+def count_holes(inside: NDArray[Any], shape: Ints, n: int) -> Counts:
+    """Summed-area counts of the cells where `inside` (flat, row-major) is 0: the table of `layout(...)`, flat."""
+    cells, periodic, lengths = shape[:3, :n]
+    holes = (inside.reshape(cells) == 0).astype(np.int32)
+    for j in np.flatnonzero(periodic):
+        holes = np.concatenate([holes, holes], axis=j)
+    counts = np.zeros(lengths, np.int32)
+    np.cumsum(holes, axis=-1, dtype=np.int32, out=counts[(slice(1, None),) * n])
+    for axis in range(n - 1):
+        for before, layer in pairwise(np.moveaxis(counts, axis, 0)):
+            layer += before
+    return counts.reshape(-1)
 
 
 @njit(cache=True, nogil=True)

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from simgap.arrays import Floats
 from simgap.errors import BrokenPromise
 from simgap.gap.bounds.body_frame import rotated_box
-from simgap.geometry import Box, Grid
+from simgap.geometry import Box, Grid, mesh
 from simgap.late import njit
 from simgap.late import sympy as sp
 from simgap.model.sampled import NominalModel
@@ -136,10 +136,7 @@ def _pieces(flow: Flow, region: Box, inputs: Floats, reach: Floats) -> tuple[Flo
     along = max(1, min(_ALONG, int(share)))
     low, high = region.lo - reach, region.hi + reach
     ends = [np.linspace(low[j], high[j], (along if j in axes else 1) + 1) for j in range(region.size)]
-    lo, hi = (
-        np.stack(np.meshgrid(*(e[part] for e in ends), indexing="ij"), axis=-1).reshape(-1, region.size)
-        for part in (slice(None, -1), slice(1, None))
-    )
+    lo, hi = (mesh(*(e[part] for e in ends)) for part in (slice(None, -1), slice(1, None)))
     return np.repeat(lo, len(inputs), axis=0), np.repeat(hi, len(inputs), axis=0), np.tile(inputs, (len(lo), 1))
 
 

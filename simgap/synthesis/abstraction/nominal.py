@@ -12,23 +12,9 @@ from simgap.errors import UserError
 from simgap.gap.bounds.function import GapFunction
 from simgap.geometry import Grid
 from simgap.model.sampled import NominalModel
+from simgap.synthesis.abstraction import post
 from simgap.synthesis.abstraction.cells import Abstraction
-from simgap.synthesis.abstraction.post import (
-    Frame,
-    Kernel,
-    cell_boxes,
-    direct_post,
-    fill_affine,
-    gap_adder,
-    no_gap,
-    reduced_cells,
-    reduced_size,
-    table_filler,
-    table_meta,
-    table_post,
-    tabulated_post,
-    whole_cells,
-)
+from simgap.synthesis.abstraction.post import Frame, Kernel, no_gap, reduced_cells, reduced_size
 
 Axes = tuple[tuple[int, ...], ...]
 PAIRS = 1 << 18
@@ -75,11 +61,11 @@ def nominal_abstraction(
     kernel = no_gap if gap is None else gap.kernel() if isinstance(gap, GapFunction) else gap
     if _fits(grid, len(u), own):
         meta, data = frame.arrays(own, _tables(model, frame, None, own))
-        post = tabulated_post(kernel)
+        own_post = post.tabulated_post(kernel)
     else:
         meta, data = frame.arrays(tuple(() for _ in own), None)
-        post = direct_post(model.interval_kernel, model.jacobian_interval_kernel, kernel)
-    return Abstraction(grid, u, post, meta, data, np.zeros(1, np.int32), with_gap, errors, group=GROUP)
+        own_post = post.direct_post(model.interval_kernel, model.jacobian_interval_kernel, kernel)
+    return Abstraction(grid, u, own_post, meta, data, np.zeros(1, np.int32), with_gap, errors, group=GROUP)
 
 
 def _axes_of(model: NominalModel) -> Axes:
@@ -118,16 +104,16 @@ def _together(
     out = np.empty((len(same), len(cells), len(frame.inputs), 2))
     flags = np.array([j in own for j in range(model.nx)])
     if any(axes for row in model.jacobian_axes for axes in row):
-        fill = table_filler(model.interval_kernel, model.jacobian_interval_kernel)
+        fill = post.table_filler(model.interval_kernel, model.jacobian_interval_kernel)
         fill(cells, which, flags, frame.header, frame.inputs, out)
     else:
-        fill_affine(cells, which, flags, frame.header, *_affine(model, frame), out)
+        post.fill_affine(cells, which, flags, frame.header, *_affine(model, frame), out)
     if isinstance(gap, GapFunction):
         step = max(1, PAIRS // len(frame.inputs))
         for first in range(0, len(cells), step):
             _add_bounds(gap, frame, cells[first : first + step], which, out[:, first : first + step])
     elif gap is not None:
-        gap_adder(gap)(cells, which, frame.header, frame.inputs, out)
+        post.gap_adder(gap)(cells, which, frame.header, frame.inputs, out)
     return out
 
 
@@ -143,7 +129,7 @@ def _affine(model: NominalModel, frame: Frame) -> tuple[Floats, Floats, Floats]:
 def _add_bounds(gap: GapFunction, frame: Frame, cells: Ints, which: Ints, out: Floats) -> None:
     """Add the gap's bounds over cells (k, nx) to out (dimensions, k, M, 2)."""
     lo, hi = np.empty(cells.shape), np.empty(cells.shape)
-    cell_boxes(cells, frame.header, lo, hi)
+    post.cell_boxes(cells, frame.header, lo, hi)
     count = len(frame.inputs)
     found = gap.box_bounds(
         np.repeat(lo, count, axis=0), np.repeat(hi, count, axis=0), np.tile(frame.inputs, (len(cells), 1))
@@ -158,7 +144,9 @@ def _integer_tables(model: NominalModel, frame: Frame, gap: Kernel | GapFunction
     first = 0
     for i, own in enumerate(axes):
         rows = slice(first, first + reduced_size(frame.grid, own))
-        whole_cells(offsets[rows], i, model.nx, frame.header, table[rows])
+        post.whole_cells(offsets[rows], i, model.nx, frame.header, table[rows])
         first = rows.stop
-    meta, _ = table_meta(frame.grid, len(frame.inputs), axes)
-    return Abstraction(frame.grid, frame.inputs, table_post(), meta, frame.header, table.reshape(-1), axes, frame.error)
+    meta, _ = post.table_meta(frame.grid, len(frame.inputs), axes)
+    return Abstraction(
+        frame.grid, frame.inputs, post.table_post(), meta, frame.header, table.reshape(-1), axes, frame.error
+    )

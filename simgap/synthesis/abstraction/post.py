@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from simgap.arrays import Floats, Ints
-from simgap.geometry import Grid
+from simgap.geometry import Grid, mesh
 from simgap.late import njit, numba
 from simgap.model.interval import iadd, imul, widen
 from simgap.model.kernel_cache import cached_kernel, cached_kernel_as
@@ -146,8 +146,7 @@ def table_meta(grid: Grid, inputs: int, axes: tuple[tuple[int, ...], ...]) -> tu
 
 def reduced_cells(grid: Grid, axes: tuple[int, ...]) -> Ints:
     """Cell indices over the given axes in row-major order, the middle cell along the others: -> (n, nx)."""
-    ranges = [np.arange(c) if j in axes else np.array([c // 2]) for j, c in enumerate(grid.cells)]
-    return np.stack([m.reshape(-1) for m in np.meshgrid(*ranges, indexing="ij")], axis=-1)
+    return mesh(*(np.arange(c) if j in axes else np.array([c // 2]) for j, c in enumerate(grid.cells)))
 
 
 def reduced_size(grid: Grid, axes: tuple[int, ...]) -> int:

@@ -22,7 +22,6 @@ from simgap.synthesis.abstraction.cells import (
     drop_boxes_with_holes,
     layout,
     over_rows,
-    table_size,
 )
 from simgap.synthesis.input_sets import Bytes, packed_width
 
@@ -63,18 +62,14 @@ def invariance(abstraction: Abstraction, safe: Bools | None = None, threads: int
     lead_shape = layout(lead, tuple(j for j in grid.periodic if j < n - 1))
     reach = np.zeros(rows * 2 * len(lead), np.int32)
     unchanged = np.zeros(rows, np.uint8)
-    table = np.empty(table_size(shape, n), np.int32)
-    changed_table = np.empty(table_size(lead_shape, len(lead)), np.int32)
     arrays = (abstraction.meta, abstraction.data, abstraction.table)
-    over_rows(partial(_start, abstraction.post, *arrays, shape, n, row, table, boxes), rows, threads)
-    frame = (shape, lead_shape, n, inputs, row, table, changed_table)
+    over_rows(partial(_start, abstraction.post, *arrays, shape, n, row, boxes), rows, threads)
     state = (inside, remembered, boxes, reach, unchanged)
     passes, lost = 0, 1
     while lost:
-        count_holes(inside, shape, n, table)
-        count_holes(unchanged, lead_shape, len(lead), changed_table)
+        table, changed = count_holes(inside, shape, n), count_holes(unchanged, lead_shape, len(lead))
+        frame, start = (shape, lead_shape, n, inputs, row, table, changed), passes == 0
         unchanged[:] = 1
-        start = passes == 0
         lost = over_rows(partial(_pass, abstraction.post, *arrays, *frame, *state, start), rows, threads)
         passes += 1
     mask, pairs = admissible_inputs(abstraction, table, inside, threads)
@@ -118,7 +113,7 @@ def _next_input(post, meta, data, tab, shape, n, inputs, table, k, first, out, o
 
 
 @njit(cache=True, nogil=True)
-def _start(post, meta, data, tab, shape, n, row, table, boxes, first, last):  # type: ignore[no-untyped-def]
+def _start(post, meta, data, tab, shape, n, row, boxes, first, last):  # type: ignore[no-untyped-def]
     """Remember input 0 for every cell of the rows first..last; boxes that leave the grid become -1, a hole for good."""
     k = np.zeros(4, np.int64)
     out = np.zeros(2 * n * row, np.int32)

@@ -32,7 +32,6 @@ from simgap.synthesis.abstraction.cells import (
     count_holes,
     drop_boxes_with_holes,
     over_rows,
-    table_size,
 )
 from simgap.synthesis.abstraction.post import table_meta, table_post
 from simgap.synthesis.games.invariance import admissible_inputs, row_index
@@ -87,8 +86,7 @@ class NodeStep:
         shape, n = self._frame[:2]
         for own, a in zip(out, boxes, strict=True):
             if a.swept is not None:
-                table = np.empty(table_size(shape, n), np.int32)
-                count_holes(free.view(np.uint8), shape, n, table)
+                table = count_holes(free, shape, n)
                 clear, _ = admissible_inputs(a.paths(), table, np.ones(len(free), np.uint8), self._threads)
                 own &= unpack(clear, len(a.inputs))
         return out
@@ -101,14 +99,10 @@ class NodeStep:
             holds those that do.
         """
         shape, n = self._frame[:2]
-        classes, size = len(inside), table_size(shape, n)
-        holes, quiet = np.empty((classes, size), np.int32), np.empty((classes * self._late + 1, size), np.int32)
         here, new = (np.any(s, axis=-1) if self._late else s[..., 0] for s in (inside, news))
-        for c in range(classes):
-            count_holes(here[c].view(np.uint8), shape, n, holes[c])
-        for own, table in zip((*(new if self._late else ()), new.any(axis=0)), quiet, strict=True):
-            count_holes((~own).view(np.uint8), shape, n, table)
-        allowed = words_of(inside) if self._late else np.zeros((classes, 0, 0), np.uint8)
+        holes = np.stack([count_holes(own, shape, n) for own in here])
+        quiet = np.stack([count_holes(~own, shape, n) for own in (*(new if self._late else ()), new.any(axis=0))])
+        allowed = words_of(inside) if self._late else np.zeros((len(inside), 0, 0), np.uint8)
         found, look = np.zeros(todo.shape, np.uint8), todo.view(np.uint8)
         for c, post in enumerate(self._posts):
             own = self._after[c], holes, quiet, allowed, self._spans[c], look[c], sets[c], found[c]

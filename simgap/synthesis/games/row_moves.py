@@ -213,17 +213,19 @@ def _of_class(c: int, s: RowSystem, kind: Ints, lead: Ints, words: int) -> dict[
     limit[2] = max(limit[2], n)
     good &= np.all(extent <= limit, axis=2) & (np.abs(rel[..., 3]) < s.count)
     good &= np.abs(rel[..., 2]) < n if n > 1 else True
+    below = (extent[..., 2], np.int64(1)) if n > 1 else (np.int64(1), extent[..., 2])  # each other, or slabs
     columns = {
-        "class": np.broadcast_to(kind[None, :], (slabs, inputs)),
+        "class": kind,
         "start": start,
-        **{f"e{j}": np.broadcast_to(extent[..., j], (slabs, inputs)) for j in range(4)},
-        "to": np.broadcast_to((c * slabs + np.arange(slabs))[:, None], (slabs, inputs)),
-        "rows": rel[..., 2] if n > 1 else np.zeros((slabs, inputs), np.int64),
+        **dict(zip(("e0", "e1", "e2", "e3"), (extent[..., 0], extent[..., 1], below[1], extent[..., 3]), strict=True)),
+        "rows_extent": below[0],
+        "to": (c * slabs + np.arange(slabs))[:, None],
+        "rows": rel[..., 2] if n > 1 else np.int64(0),
         "bits": rel[..., 3],
-        "clear": np.full((slabs, inputs), -1),
-        "clear_rows": np.zeros((slabs, inputs), np.int64),
-        "clear_bits": np.zeros((slabs, inputs), np.int64),
-        "input": np.broadcast_to(np.arange(inputs)[None, :], (slabs, inputs)),
+        "clear": np.int64(-1),
+        "clear_rows": np.int64(0),
+        "clear_bits": np.int64(0),
+        "input": np.arange(inputs),
     }
     if len(s.swept):
         swept, of = s.swept[layer].astype(np.int64), s.swept_of[layer].astype(np.int64)
@@ -231,13 +233,9 @@ def _of_class(c: int, s: RowSystem, kind: Ints, lead: Ints, words: int) -> dict[
         along, stays = _slab_of(at, swept, lead, n, shape)
         good &= stays & (np.abs(swept[..., 3]) < s.count)
         columns["clear"] = (of * slabs + along) * n * words
-        columns["clear_rows"] = swept[..., 2] if n > 1 else columns["clear_rows"]
+        columns["clear_rows"] = swept[..., 2] if n > 1 else np.int64(0)
         columns["clear_bits"] = swept[..., 3]
-    if n > 1:
-        columns["e2"], columns["rows_extent"] = np.ones((slabs, inputs), np.int64), columns["e2"]
-    else:
-        columns["rows_extent"] = np.ones((slabs, inputs), np.int64)
-    return {name: np.ascontiguousarray(column[good]) for name, column in columns.items()}
+    return {name: np.broadcast_to(column, (slabs, inputs))[good] for name, column in columns.items()}
 
 
 def _slab_of(at: Ints, rel: Ints, lead: Ints, rows: int, extent: Ints) -> tuple[Ints, Bools]:
