@@ -294,7 +294,7 @@ def test_inputs_of_an_arm_hold_and_stop_its_driven_joints_anywhere(root, driven)
 
     urdf = root / "configs/models/double_pendulum.urdf"
     axes = [replace(a, driven=k in driven) for k, a in enumerate(axes_of(urdf, read_model_file(urdf).joints, {}))]
-    most = needed_inputs(urdf, axes, np.full(2, 0.25), np.full(2, 0.5))
+    most = needed_inputs(urdf, axes, np.full(2, 0.25), np.full(2, 0.5), 9.81)
     plant = MultibodyPlant(0.0)
     (model,) = Parser(plant).AddModels(urdf)
     (base,) = [b for b in (plant.get_body(k) for k in plant.GetBodyIndices(model)) if b.name() in ("world", "base")][:1]

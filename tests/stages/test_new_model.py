@@ -154,6 +154,14 @@ def test_check_says_that_legs_are_bolted(tmp_path):
     assert check.conclusion(check.run(arm), arm).startswith("The case is in order. simgap")
 
 
+def test_check_says_that_a_run_ends_without_a_controller(tmp_path):
+    case = run("mine", urdf(tmp_path, chain("a", 2)), tmp_path, seconds=0.0)
+    found = check.run(case)
+    assert found.findings[-1].problem.startswith("a run ends with the bound: not found in the time")
+    assert found.findings[-1].remedy == "Search longer (--seconds)."
+    assert "in order for a bound without a controller. A run takes" in check.conclusion(found, case)
+
+
 def test_joints_that_mimic_are_locked_with_what_they_mimic(tmp_path):
     fingers = joint("jm", "a1", "m", more=MIMIC.replace("ja0", "jf")), joint("jf", "a1", "f")
     hand = (chain("a", 2), link("m"), link("f"), *fingers)
@@ -242,6 +250,15 @@ def test_a_case_of_an_mjcf_file_has_its_numbers(tmp_path):
     (added,) = load_case(case).plant.effects
     assert (added.name, added.on, added.parameters) == ("reflected_inertia", "hinge", {"I": 0.01})
     assert load_case(case).plant.urdf == "mine_model.urdf"
+
+
+def test_gravity_that_a_flag_switches_off_pulls_at_nothing(tmp_path):
+    pytest.importorskip("mujoco")
+    path = mjcf(tmp_path, more='</worldbody><option><flag gravity="disable"/></option><worldbody>')
+    case = run("mine", None, tmp_path, mjcf=path, joints=["hinge"])
+    assert load_case(case).plant.gravity == 0.0
+    found = check.run(case).findings
+    assert [f.problem for f in found if "gravity" in f.problem] == ["its <flag> switches off: gravity"]
 
 
 def test_servos_are_left_out_and_told(tmp_path):

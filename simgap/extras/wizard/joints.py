@@ -21,7 +21,6 @@ AUTHORITY = 2.0
 """Times the accelerations that stop SPEED within REACH, beyond what holds the plant in place. Judgement."""
 MOST_CORNERS = 729
 """Of X at which the model is asked what its inputs must do: all of them up to three joints."""
-GRAVITY = 9.81
 TAU = 0.01
 
 
@@ -158,7 +157,7 @@ def _inward(value: float, digits: int, rounding: Callable[[float], int]) -> floa
     return round(rounding(round(value * 10.0**digits, 6)) / 10.0**digits, max(digits, 0))
 
 
-def needed_inputs(urdf: Path, axes: Sequence[Axis], reach: Floats, speed: Floats) -> Floats:
+def needed_inputs(urdf: Path, axes: Sequence[Axis], reach: Floats, speed: Floats, gravity: float) -> Floats:
     """For each driven joint the largest magnitude of its input over X, by Drake's dynamics of the model file.
 
     With `dv/dt = a_0(q, v) + G(q) u` and the driven joints D, the inputs of a motion of these are
@@ -167,9 +166,9 @@ def needed_inputs(urdf: Path, axes: Sequence[Axis], reach: Floats, speed: Floats
     of it is decided elsewhere.
 
     Args:
-        reach, speed: half-widths of X around the middle of each axis, (n,).
+        reach, speed: half-widths of X around the middle of each axis, (n,). gravity: along -z, m/s^2.
     """
-    plant, joints = multibody_plant(urdf, (0.0, 0.0, -GRAVITY))
+    plant, joints = multibody_plant(urdf, (0.0, 0.0, -gravity))
     order, on = [joints.index(a.joint) for a in axes], [k for k, a in enumerate(axes) if a.driven]
     n = len(axes)
     x = _corners(2 * n) * np.concatenate([reach, speed])

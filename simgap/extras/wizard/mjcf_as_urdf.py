@@ -94,12 +94,13 @@ def compiled(path: Path, keep: Collection[str] | None, bolted: bool, at: Mapping
         model, alone = _alone(path, left, at)
     else:
         left_out = ()
-    gravity = np.array(model.opt.gravity)
+    gravity = mjcf.gravity_of(model)
     if np.abs(gravity[:2]).max() > _LEVEL * np.abs(gravity[2]):
         raise UserError("its gravity is not along -z", file=path, key="<option> gravity", remedy="Turn the bodies.")
     own = tuple(n for n in left if n in driven) or None
     robot = _robot(path, model, efforts)
-    return Compiled(robot, own, tuple(_effects(model)), -float(gravity[2]), float(model.opt.timestep), alone, left_out)
+    down, step = 0.0 - float(gravity[2]), float(model.opt.timestep)
+    return Compiled(robot, own, tuple(_effects(model)), down, step, alone, left_out)
 
 
 def _check_names(path: Path, names: Sequence[str], turning: Sequence[str], asked: Sequence[str]) -> None:

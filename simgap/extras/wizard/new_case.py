@@ -16,7 +16,7 @@ import numpy as np
 
 from simgap.config.load import load_case, parse_case, plain_content
 from simgap.errors import UserError, excerpt
-from simgap.extras.wizard.driven_arm import Proposal, rounded
+from simgap.extras.wizard.driven_arm import Proposal, rounded, step_of
 from simgap.extras.wizard.joints import SPEED, TAU, Axis, axes_of, drives, needed_inputs
 from simgap.extras.wizard.model_file import Asked, NewModel, model_of_mjcf, model_of_urdf
 from simgap.extras.wizard.proposal import SECONDS
@@ -170,13 +170,13 @@ def _plain(urdf: Path, file: ModelFile, axes: list[Axis], about: Mapping[str, An
     efforts = {a.drive: file.joints[a.joint].effort or None for a in axes}
     reach, speed = np.array([a.reach for a in axes]), np.full(len(axes), SPEED)
     needed = {}
-    for a, u in zip(driven, needed_inputs(urdf, axes, reach, speed), strict=True):
+    for a, u in zip(driven, needed_inputs(urdf, axes, reach, speed, about["gravity"]), strict=True):
         rubs = about["rubs"].get(a.joint, 0.0)
         needed[a.drive] = rounded(max(float(u) + rubs, TIMES * rubs))
     nx = 2 * len(axes)
     volume = math.prod(2 * a.reach * 2 * SPEED for a in axes)
     values = 11 if len(axes) == 1 else 3
-    steps = {n: _step(u, efforts[n], values) for n, u in needed.items()}  # 0 is among the values
+    steps = {n: step_of(u, values, efforts[n] or math.inf, math.ceil) for n, u in needed.items()}  # 0 is among them
     return {
         "ranges": {a.joint: a.range for a in axes},
         "speed": SPEED,
@@ -237,17 +237,3 @@ def _substeps(found: Proposal, axes: Sequence[Axis], rubs: Mapping[str, float]) 
 
 def _usual_steps(tau: float) -> int:
     return max(1, round(ENGINE_STEPS * tau))
-
-
-def _step(needed: float, effort: float | None, values: int) -> float:
-    """Between neighbours of so many values from minus to plus what is needed, or what the joint's effort allows."""
-    step = _round_up(2 * needed / (values - 1))
-    if effort is None or step * (values - 1) / 2 <= effort:
-        return step
-    return rounded(2 * effort / (values - 1), down=True)
-
-
-def _round_up(value: float) -> float:
-    """At least the value, in two digits."""
-    near = rounded(value)
-    return near if near >= value else rounded(near + 10.0 ** (math.floor(math.log10(value)) - 1))

@@ -87,17 +87,21 @@ Linear = Callable[[Floats, Floats], tuple[Floats, Floats, Floats]]
 
 
 def _linearised(model: SymbolicModel) -> Linear:
-    """(x, u) -> slopes of dx/dt in states (n, n) and in inputs (n, m), and dx/dt itself, (n,)."""
-    xdot = model.numeric()
-    states, inputs = [v.symbol for v in model.states], [v.symbol for v in model.inputs]
-    jump = sp.Wild("jump")  # of dry friction, which no linear model has
-    in_x, in_u = (
-        [[sp.diff(e, s).replace(sp.DiracDelta(jump), sp.S.Zero) for s in own] for e in xdot] for own in (states, inputs)
-    )
+    """(x, u) -> slopes of dx/dt in states (n, n) and in inputs (n, m), and dx/dt itself, (n,).
+
+    It raises a UserError where one of them is no finite number.
+    """
+    xdot, n = sp.Matrix(model.numeric()), len(model.states)
+    symbols, jump = [v.symbol for v in (*model.states, *model.inputs)], sp.Wild("jump")
+    slopes = xdot.jacobian(symbols).replace(sp.DiracDelta(jump), sp.S.Zero)  # dry friction, which no linear model has
+    whole = sp.lambdify(symbols, sp.Matrix.hstack(slopes, xdot), modules="numpy", cse=True)
 
     def linear(x: Floats, u: Floats) -> tuple[Floats, Floats, Floats]:
-        here = dict(zip([*states, *inputs], [*x, *u], strict=True))
-        return _numbers(in_x, here), _numbers(in_u, here), _numbers([[e] for e in xdot], here)[:, 0]
+        with np.errstate(all="ignore"):
+            found = np.array(whole(*x, *u), dtype=np.float64)
+        if not np.isfinite(found).all():
+            raise UserError("the model is not finite at this posture", key="--at", remedy="Name another one.")
+        return found[:, :n], found[:, n:-1], found[:, -1]
 
     return linear
 
@@ -147,21 +151,6 @@ def _scale(model: SymbolicModel, rate: float) -> Floats:
     for c in model.coordinates:
         scale[c.velocity] = scale[c.position] * rate
     return np.array([scale[n] for n in model.state_names])
-
-
-def _numbers(rows: list[list[sp.Expr]], at: Mapping[sp.Symbol, float]) -> Floats:
-    """The expressions there.
-
-    Raises:
-        UserError: one that is no finite number there.
-    """
-    try:
-        found = np.array([[float(sp.sympify(e).subs(at)) for e in row] for row in rows], dtype=np.float64)
-    except TypeError:
-        found = np.array([[np.nan]])
-    if not np.isfinite(found).all():
-        raise UserError("the model is not finite at this posture", key="--at", remedy="Name another one.")
-    return found.reshape(len(rows), -1)
 
 
 TURNS = (0.45, 0.6, 0.8)

@@ -26,6 +26,7 @@ from simgap.extras.wizard.driven_arm import (
     gap_beside_inputs,
     is_driven,
     rounded,
+    step_of,
 )
 from simgap.extras.wizard.dry_friction_guess import Rubbing, rubbing
 from simgap.extras.wizard.posture import (
@@ -151,9 +152,9 @@ class Search:
         needed = share * np.abs(self.shape.gain) @ box
         most = beyond_rest(self.model, self.posture, self.limits)
         fits = min([1.0, *(most[needed > 0] / needed[needed > 0])])
-        half = [rounded(v, down=True) for v in box * fits]
+        half = [rounded(v, math.floor) for v in box * fits]
         counts = self.values(needed, box, cells)
-        steps = [self._step(*own, fits < 1.0) for own in zip(range(len(counts)), needed * fits, counts, strict=True)]
+        steps = [step_of(*own) for own in zip(needed * fits, counts, most, strict=True)]
         x = self.posture.x
         space = Space(self.model.state_names, Box(x - half, x + half))
         every = [
@@ -180,12 +181,6 @@ class Search:
             float((np.array(half) / sought).min()), against=against, rubs=self.rubs is not None and against > 0.0,
             narrowed=(min(shares, key=shares.__getitem__),),
         )  # fmt: skip
-
-    def _step(self, k: int, half: float, count: int, down: bool) -> float:
-        """Between values of input k that reach `half` from rest, rounded without passing what its drive gives."""
-        step = rounded(2 * half / (count - 1), down=down)
-        left = beyond_rest(self.model, self.posture, self.limits)[k]
-        return step if step * (count // 2) <= left else rounded(2 * half / (count - 1), down=True)
 
 
 HELD = 0.02
