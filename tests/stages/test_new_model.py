@@ -287,7 +287,7 @@ MJCF_REFUSED = {
         "tail": '<tendon><fixed><joint joint="x" coef="1"/></fixed><fixed><joint joint="y" coef="1"/></fixed></tendon>',
     }, {}, "it has tendons"),
     "tilted": ({"more": "</worldbody><option gravity='3 0 -9'/><worldbody>"}, {}, "its gravity is not along -z"),
-    "no such joint": ({}, {"joints": ["elbow"]}, "--joints: there is no hinge or slide 'elbow'.*rail, hinge"),
+    "no such joint": ({}, {"joints": ["elbow"]}, "--joints: there is no moving joint 'elbow'.*rail, hinge"),
     "beyond a stop": ({}, {"at": {"rail": 3.0}}, "--at: rail=3 is beyond a stop"),
 }  # fmt: skip
 
