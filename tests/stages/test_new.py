@@ -62,7 +62,7 @@ def test_a_joint_that_rubs_gets_a_bound_that_follows_it(root, tmp_path):
     context = Context.load(case)
     assert context.case.simulator.effects[0].parameters == {"F_c": 0.1}
     assert not context.case.plant.effects
-    assert "states dry friction for hinge" in notes[0]
+    assert "states dry friction for hinge" in notes[1]
     controller = controlled(case, tmp_path)
     assert controller.solution.winning.mean() > 0.9
     assert not [found for found in check.run(case).findings if "friction" in str(found)]

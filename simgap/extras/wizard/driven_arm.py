@@ -126,7 +126,8 @@ def driven(
     }
     shortest = min(taus, key=taus.__getitem__)
     tau, best = rounded(taus[shortest]), 0.0
-    check_room([c.position for c in model.coordinates], np.full(2, FARTHEST), room)
+    at = dict(zip(model.state_names, posture.x, strict=True))
+    check_room({c.position: at[c.position] for c in model.coordinates}, np.full(2, FARTHEST), room)
     most = beyond_rest(model, posture, limits)
     slow = f"{shortest}, which asks for a tau of {tau:g} s" if shortest else ""
     arm = Arm(model, sampled(tau), flow_of(model), posture, most, room, tau, slow)

@@ -145,7 +145,7 @@ def _acting(model: Any) -> bool:
 
 def _left_out(model: Any, left: Sequence[str]) -> Iterator[str]:
     if locked := model.njnt - len(left):
-        yield f"{locked} joint{'s' * (locked > 1)}, which stand still"
+        yield f"{locked} joint{'s' * (locked > 1)}, locked"
     if _acting(model):
         gains = [
             f"{name} kp = {0.0 - model.actuator_biasprm[k, 1]:g} kv = {0.0 - model.actuator_biasprm[k, 2]:g}"

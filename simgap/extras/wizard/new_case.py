@@ -121,8 +121,8 @@ def _of_joints(model: NewModel, asked: Asked) -> str:
     axes = axes_of(file.joints, {n: q for n, q in asked.at.items() if n in file.joints})
     driven, why = drives(file, asked.inputs)
     axes = [replace(a, driven=a.joint in driven) for a in axes]
-    if len(axes) > 1:
-        asked.note(f"Inputs on {', '.join(driven)}: {why}. --inputs JOINT,JOINT names others.")
+    others = " --inputs JOINT,JOINT names others." * (len(axes) > 1)
+    asked.note(f"Inputs on {', '.join(driven)}: {why}.{others}")
     least, damped = _damping({a.joint: file.joints[a.joint].damping for a in axes})
     about: dict[str, Any] = {
         "name": asked.place.name,

@@ -289,14 +289,19 @@ def unmoved(model: SymbolicModel, posture: Posture) -> str:
     return "by its linear model one exists, but none was found at the sampling times that were tried"
 
 
-def check_room(names: Sequence[str], sought: Floats, room: Mapping[str, tuple[float, float]]) -> None:
-    """Refuse a state whose room is next to nothing of the X that is sought, half-widths (n,).
+def check_room(at: Mapping[str, float], sought: Floats, room: Mapping[str, tuple[float, float]]) -> None:
+    """Refuse states of a posture that are outside their room, or whose room is next to nothing of the half-widths (n,)
+    of the X that is sought.
 
     Raises:
         UserError: with the room's ends.
     """
-    for n, aim in zip(names, sought, strict=True):
+    for (n, x), aim in zip(at.items(), sought, strict=True):
         lo, hi = room.get(n, (-math.inf, math.inf))
+        if not lo < x < hi:
+            raise UserError(
+                f"the posture is outside the room of {n}, [{lo:g}, {hi:g}]", key="--at", remedy="Name a posture inside."
+            )
         if hi - lo < 2.0 * NOTHING * aim:
             raise UserError(
                 f"{n} has no room: its limits are {lo:g} and {hi:g}, where +-{aim:.2g} is sought", key=f"domain.X.{n}",
