@@ -73,7 +73,7 @@ FILES: tuple[tuple[str, str, dict[str, Any], str], ...] = (
     (DATA, "ur_description/urdf/ur5_robot.urdf", {"joints": ["shoulder_pan_joint", "elbow_joint"]}, CASE),
     (DATA, "panda_description/urdf/panda.urdf", {"joints": ["panda_joint4"]}, CASE),
     (DATA, "kinova_description/robots/kinova.urdf", {"joints": ["j2s6s200_joint_2"]}, CASE),
-    (DATA, "double_pendulum_description/urdf/double_pendulum.urdf", {}, CASE),
+    (DATA, "double_pendulum_description/urdf/double_pendulum.urdf", {}, "no room between its limits"),
     (DATA, "double_pendulum_description/urdf/double_pendulum_continuous.urdf", {}, "which joints have a drive"),
     (DATA, "asr_twodof_description/urdf/TwoDofs.urdf", {}, CASE),
     (DATA, "so_arm_description/urdf/so100.urdf", {"base": "fixed"}, CASE),

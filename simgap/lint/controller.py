@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.errors import BrokenPromise, UserError
+from simgap.errors import BrokenPromise, Finding, UserError
 from simgap.notation import pretty_unit
 from simgap.plants.context import Context
 from simgap.simulators.commands import acts_at_once
@@ -13,6 +13,17 @@ from simgap.specifications.base import path_aware_baseline, specification_of
 from simgap.specifications.space import Space
 from simgap.synthesis.abstraction.intersample import Flow, enough, excursion, flow_of
 from simgap.synthesis.games.game import one_input_only
+
+ASKS_FOR_NONE = "no_controller"
+"""Key of the case, and of the finding, which says that a run ends with the bound, and why."""
+
+
+def find_no_controller(context: Context) -> list[Finding]:
+    """A finding where the case says why it asks for no controller, as a new one does for which none was found."""
+    why, _, remedy = context.case.no_controller.partition(". ")
+    if context.case.synthesis is not None or not why:
+        return []
+    return [Finding(ASKS_FOR_NONE, f"a run ends with the bound: {why}", remedy)]
 
 
 def refuse_specification(context: Context) -> None:

@@ -152,9 +152,11 @@ def loading(engine: str, path: Path) -> Iterator[None]:
         message = excerpt(str(error) or type(error).__name__, 300)
         absent = [n for n in _meshes(path) if "://" not in n and not reading.is_file(path.parent / n)]
         lacks = f"; there is no {excerpt(absent[0], 80)}" if absent and absent[0] not in message else ""
+        gone = lacks or "opening file" in message
         raise UserError(
-            f"{engine} does not take it: {message.rstrip('.')}{lacks}", file=path, remedy="Correct it."
-        ) from None
+            f"{engine} does not take it: {message.rstrip('.')}{lacks}", file=path,
+            remedy="Put what is missing beside it, or take out what names it." if gone else "Correct it.",
+        ) from None  # fmt: skip
 
 
 def _meshes(path: Path) -> list[str]:

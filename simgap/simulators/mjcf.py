@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from simgap import reading
+from simgap.arrays import Floats
 from simgap.config.model_files import named_by
 from simgap.errors import UserError, excerpt, optional
 from simgap.plants.model_file import Link
@@ -127,6 +128,12 @@ def read_mjcf(path: Path) -> Any:
             file=path, remedy="Name it by <include>, or by the `file` of an asset.",
         )  # fmt: skip
     return model
+
+
+def gravity_of(model: Any) -> Floats:
+    """Gravity with which MuJoCo moves a model, (3,), m/s^2: 0 where a `<flag>` switches it off."""
+    off = model.opt.disableflags & require_mujoco().mjtDisableBit.mjDSBL_GRAVITY
+    return np.zeros(3) if off else np.array(model.opt.gravity)
 
 
 def _check_root(path: Path) -> None:

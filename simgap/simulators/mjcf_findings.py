@@ -186,7 +186,7 @@ def _options(case: Case, model: Any) -> Iterator[Finding]:
             "simulator.substeps", f"the file steps by {option.timestep:g} s, the engine by tau/substeps = {step:g} s",
             f"substeps: {max(1, round(case.domain.tau / option.timestep))} is nearest to the file.",
         )  # fmt: skip
-    own, model_s = np.array(option.gravity), np.array([0.0, 0.0, -case.plant.gravity])
+    own, model_s = mjcf.gravity_of(model), np.array([0.0, 0.0, -case.plant.gravity])
     if case.plant.urdf is not None and differs(own, model_s):
         yield Finding(
             "simulator.mjcf", f"its gravity is ({_list(own)}) m/s^2, the nominal model's ({_list(model_s)})",

@@ -14,7 +14,7 @@ from pathlib import Path
 from simgap.errors import Finding
 from simgap.gap.sampling.points import covering_grid, own_point
 from simgap.io.documents import write_json
-from simgap.lint.controller import refuse_free_path, refuse_specification
+from simgap.lint.controller import ASKS_FOR_NONE, find_no_controller, refuse_free_path, refuse_specification
 from simgap.lint.costs import StageCost, affordable, costs, duration, pair_seconds, size, slowness
 from simgap.lint.engine import BOLTED, find_bolted_base, find_other_wheel_sizes, model_file, of_engine
 from simgap.lint.equations import (
@@ -43,7 +43,7 @@ OF_CASE: tuple[Check, ...] = (
 
 OF_NUMBERS: tuple[Check, ...] = (
     find_mixed_units, find_wrong_dimensions, find_heavy_steps, find_long_steps, find_bolted_base,
-    find_other_wheel_sizes, find_jumps_at_rest, find_stuck_joints, find_missing_coordinates,
+    find_other_wheel_sizes, find_jumps_at_rest, find_stuck_joints, find_missing_coordinates, find_no_controller,
 )  # fmt: skip
 """Checks once the engine has loaded its model file: its reasons come before those that follow from them."""
 
@@ -132,10 +132,13 @@ def _at_most(found: list[StageCost]) -> str:
     return "".join(f" and at most {duration(c.seconds)} more for {c.stage}" for c in found if c.at_most)
 
 
+_PREMISES = {BOLTED: " for a base that is bolted to the world", ASKS_FOR_NONE: " for a bound without a controller"}
+
+
 def conclusion(checked: Checked, case: Path) -> str:
     """One line about what follows from a check: what a run will take and how it is begun."""
     held = [cost for cost in checked.costs if not cost.at_most]
-    premise = " for a base that is bolted to the world" * any(f.key == BOLTED for f in checked.findings)
+    premise = "".join(words for key, words in _PREMISES.items() if any(f.key == key for f in checked.findings))
     if not held:
         return f"The case is in order{premise}. simgap diagnose {case} takes recordings."
     seconds, most = sum(cost.seconds for cost in held), max(cost.bytes for cost in checked.costs)

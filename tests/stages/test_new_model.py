@@ -154,6 +154,14 @@ def test_check_says_that_legs_are_bolted(tmp_path):
     assert check.conclusion(check.run(arm), arm).startswith("The case is in order. simgap")
 
 
+def test_check_says_that_a_run_ends_without_a_controller(tmp_path):
+    case = run("mine", urdf(tmp_path, chain("a", 2)), tmp_path, seconds=0.0)
+    found = check.run(case)
+    assert found.findings[-1].problem.startswith("a run ends with the bound: not found in the time")
+    assert found.findings[-1].remedy == "Search longer (--seconds)."
+    assert "in order for a bound without a controller. A run takes" in check.conclusion(found, case)
+
+
 def test_joints_that_mimic_are_locked_with_what_they_mimic(tmp_path):
     fingers = joint("jm", "a1", "m", more=MIMIC.replace("ja0", "jf")), joint("jf", "a1", "f")
     hand = (chain("a", 2), link("m"), link("f"), *fingers)
@@ -244,6 +252,15 @@ def test_a_case_of_an_mjcf_file_has_its_numbers(tmp_path):
     assert load_case(case).plant.urdf == "mine_model.urdf"
 
 
+def test_gravity_that_a_flag_switches_off_pulls_at_nothing(tmp_path):
+    pytest.importorskip("mujoco")
+    path = mjcf(tmp_path, more='</worldbody><option><flag gravity="disable"/></option><worldbody>')
+    case = run("mine", None, tmp_path, mjcf=path, joints=["hinge"])
+    assert load_case(case).plant.gravity == 0.0
+    found = check.run(case).findings
+    assert [f.problem for f in found if "gravity" in f.problem] == ["its <flag> switches off: gravity"]
+
+
 def test_servos_are_left_out_and_told(tmp_path):
     pytest.importorskip("mujoco")
     notes = []
@@ -270,7 +287,7 @@ MJCF_REFUSED = {
         "tail": '<tendon><fixed><joint joint="x" coef="1"/></fixed><fixed><joint joint="y" coef="1"/></fixed></tendon>',
     }, {}, "it has tendons"),
     "tilted": ({"more": "</worldbody><option gravity='3 0 -9'/><worldbody>"}, {}, "its gravity is not along -z"),
-    "no such joint": ({}, {"joints": ["elbow"]}, "--joints: there is no hinge or slide 'elbow'.*rail, hinge"),
+    "no such joint": ({}, {"joints": ["elbow"]}, "--joints: there is no moving joint 'elbow'.*rail, hinge"),
     "beyond a stop": ({}, {"at": {"rail": 3.0}}, "--at: rail=3 is beyond a stop"),
 }  # fmt: skip
 

@@ -211,7 +211,7 @@ def test_equations_that_are_in_other_units_are_told_from_ones_that_no_input_move
 
 def test_two_digits():
     assert [rounded(v) for v in (0.0, 0.0456, 1234.0, -0.999)] == [0.0, 0.046, 1200.0, -1.0]
-    assert [rounded(v, down=True) for v in (0.0459, 0.05, 1290.0)] == [0.045, 0.05, 1200.0]
+    assert [rounded(v, math.floor) for v in (0.0459, 0.05, 1290.0)] == [0.045, 0.05, 1200.0]
 
 
 def test_no_step_from_the_proposed_X_ends_at_a_stop():

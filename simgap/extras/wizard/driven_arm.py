@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.errors import BrokenPromise, UserError
+from simgap.errors import UserError
 from simgap.extras.wizard.posture import NOTHING, REACH, Posture, beyond_rest, check_room, check_strength
 from simgap.geometry import Box
 from simgap.model.kernel_cache import cached_kernel
@@ -28,7 +28,7 @@ from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import SymbolicModel
 from simgap.specifications.reaching import ReachAvoid
 from simgap.specifications.space import Space
-from simgap.synthesis.abstraction.intersample import Flow, excursion, flow_of
+from simgap.synthesis.abstraction.intersample import Flow, flow_of, stray
 from simgap.synthesis.abstraction.post import Kernel
 from simgap.synthesis.synthesise import SynthesisProblem
 
@@ -126,7 +126,8 @@ def driven(
     }
     shortest = min(taus, key=taus.__getitem__)
     tau, best = rounded(taus[shortest]), 0.0
-    check_room([c.position for c in model.coordinates], np.full(2, FARTHEST), room)
+    at = dict(zip(model.state_names, posture.x, strict=True))
+    check_room({c.position: at[c.position] for c in model.coordinates}, np.full(2, FARTHEST), room)
     most = beyond_rest(model, posture, limits)
     slow = f"{shortest}, which asks for a tau of {tau:g} s" if shortest else ""
     arm = Arm(model, sampled(tau), flow_of(model), posture, most, room, tau, slow)
@@ -202,10 +203,10 @@ class Arm:
         self._check_strength(size / np.sqrt(gains))
         scale = min(size, float((self.most * np.sqrt(gains)).min()))
         for k in range(TIMES):
-            steps = np.array([rounded(scale / WEAKER**k / math.sqrt(g) / (VALUES // 2), down=True) for g in gains])
+            steps = np.array([step_of(scale / WEAKER**k / math.sqrt(g), VALUES, way=math.floor) for g in gains])
             inputs = VALUES // 2 * steps
             half, stopped = self._half(inputs, cells, self.room)
-            half = np.array([rounded(v, down=True) for v in half])
+            half = np.array([rounded(v, math.floor) for v in half])
             told = ", ".join(f"{n} +-{v:g}" for n, v in zip(names, half, strict=True))
             tell(f"trying {cells} cells along each axis: {told}")
             wins, why = self.play(half, inputs, cells)
@@ -272,20 +273,17 @@ class Arm:
         space = Space(names, Box(x - half, x + half))
         every = self.posture.u + np.array(list(itertools.product(*(np.linspace(-v, v, VALUES) for v in inputs))))
         spread = GUESS * changed(self.own, self.posture, inputs)
-        try:
-            stray, _ = excursion(self.flow, space.box, every, self.tau, spread / self.tau, names)
-        except BrokenPromise:
-            return (
-                None,
-                "at speeds that give the cells a chance one joint throws the other out of X between two samples",
-            )
-        if (stray[1] > STRAYS * half).any():
-            worst = names[int((stray[1] / half).argmax())]
+        bound = stray(self.flow, space.box, every, self.tau, spread / self.tau)
+        if bound is None:
+            return None, "at speeds that give the cells a chance one joint throws the other out of X between samples"
+        paths = bound[0]
+        if (paths[1] > STRAYS * half).any():
+            worst = names[int((paths[1] / half).argmax())]
             return None, f"between samples {worst} strays by more than {STRAYS:g} of X"
         specification = ReachAvoid(kind="reach_avoid", target=self._target(half))
         problem = SynthesisProblem(
             self.own, specification, space, (cells,) * len(names), beside_inputs(every, spread), gap_beside_inputs(),
-            [], stray=stray,
+            [], stray=paths,
         )  # fmt: skip
         solution = specification.solve(problem.game())
         wins = float(solution.winning.mean()) if solution.useful else 0.0
@@ -317,11 +315,19 @@ def gap_beside_inputs() -> Kernel:
     return gap
 
 
-def rounded(value: float, down: bool = False) -> float:
-    """Two significant digits, as a person would write them; toward 0 where it is to be no larger."""
+Rounding = Callable[[float], int]
+
+
+def step_of(half: float, count: int, most: float = math.inf, way: Rounding = round) -> float:
+    """Between so many values of an input from -half to half; less where what is rounded would pass `most`."""
+    step = rounded(2 * half / (count - 1), way)
+    return step if step * (count // 2) <= most else rounded(2 * min(half, most) / (count - 1), math.floor)
+
+
+def rounded(value: float, way: Rounding = round) -> float:
+    """Two significant digits, as a person would write them; a size that is to be no larger by `math.floor`."""
     if value == 0.0:
         return 0.0
     digits = 1 - math.floor(math.log10(abs(value)))
-    scaled = abs(value) * 10.0**digits
-    whole = math.floor(scaled + 1e-9) if down else round(scaled)
+    whole = way(round(abs(value) * 10.0**digits, 9))
     return math.copysign(round(whole / 10.0**digits, max(digits, 0)), value)

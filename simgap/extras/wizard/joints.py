@@ -21,7 +21,6 @@ AUTHORITY = 2.0
 """Times the accelerations that stop SPEED within REACH, beyond what holds the plant in place. Judgement."""
 MOST_CORNERS = 729
 """Of X at which the model is asked what its inputs must do: all of them up to three joints."""
-GRAVITY = 9.81
 TAU = 0.01
 
 
@@ -65,12 +64,12 @@ def drives(file: ModelFile, named: Sequence[str] | None) -> tuple[tuple[str, ...
     if stated or len(joints) == 1:
         return tuple(joints), "the URDF states an effort for each" if stated else "assumed of the only joint"
     raise UserError(
-        "does not say which joints have a drive", file=file.path, key="<transmission>",
+        "does not say which joints have a drive", key="<transmission>",
         remedy=f"Name them: --inputs {next(iter(joints))}, or --inputs {','.join(joints)} for all.",
     )  # fmt: skip
 
 
-def named_joints(names: Collection[str], joints: Mapping[str, FileJoint], key: str) -> tuple[str, ...]:
+def named_joints(names: Collection[str], joints: Collection[str], key: str) -> tuple[str, ...]:
     """The moving joints of these names, in the order of the file.
 
     Raises:
@@ -85,7 +84,7 @@ def named_joints(names: Collection[str], joints: Mapping[str, FileJoint], key: s
     return tuple(n for n in joints if n in names)
 
 
-def axes_of(urdf: Path, joints: Mapping[str, FileJoint], at: Mapping[str, float]) -> list[Axis]:
+def axes_of(joints: Mapping[str, FileJoint], at: Mapping[str, float]) -> list[Axis]:
     """The moving joints in the order of the file, around the positions `at`, 0 where none is given.
 
     Raises:
@@ -97,14 +96,14 @@ def axes_of(urdf: Path, joints: Mapping[str, FileJoint], at: Mapping[str, float]
     for k, (name, joint) in enumerate(joints.items()):
         if joint.kind not in ("revolute", "continuous", "prismatic"):
             raise UserError(
-                f"the joint '{name}' is {joint.kind}", file=urdf,
+                f"the joint '{name}' is {joint.kind}",
                 remedy="Joints that turn about or slide along one axis can be taken; write equations for the others.",
             )  # fmt: skip
         slides = joint.kind == "prismatic"
         end = "" if len(joints) == 1 else str(k + 1)
         units = ("m", "N") if slides else ("rad", "N*m")
         centre = at.get(name, centre_of(joint))
-        interval = _interval(urdf, name, joint, centre)
+        interval = _interval(name, joint, centre)
         axes.append(Axis(name, f"q{end}", f"v{end}", f"u{end}", *units, interval, centre))
     return axes
 
@@ -133,7 +132,7 @@ def centre_of(joint: FileJoint) -> float:
     return 0.5 * (joint.range[0] + joint.range[1])
 
 
-def _interval(urdf: Path, name: str, joint: FileJoint, at: float) -> tuple[float, float]:
+def _interval(name: str, joint: FileJoint, at: float) -> tuple[float, float]:
     """Interval of the position, around `at` or as near to it as the joint goes, with room for a step before its stops.
 
     Raises:
@@ -144,7 +143,7 @@ def _interval(urdf: Path, name: str, joint: FileJoint, at: float) -> tuple[float
     lower, upper = lower + room, upper - room
     if not lower < upper:
         raise UserError(
-            f"the joint '{name}' has no room between its limits", file=urdf, key="<limit> lower, upper",
+            f"the joint '{name}' has no room between its limits", key="<limit> lower, upper",
             remedy="Correct them, or make it `fixed` if it does not move.",
         )  # fmt: skip
     centre = min(max(at, lower + REACH), upper - REACH) if upper - lower > 2 * REACH else (lower + upper) / 2
@@ -158,21 +157,18 @@ def _inward(value: float, digits: int, rounding: Callable[[float], int]) -> floa
     return round(rounding(round(value * 10.0**digits, 6)) / 10.0**digits, max(digits, 0))
 
 
-def needed_inputs(urdf: Path, axes: Sequence[Axis], reach: Floats, speed: Floats) -> Floats:
+def needed_inputs(urdf: Path, axes: Sequence[Axis], gravity: float) -> Floats:
     """For each driven joint the largest magnitude of its input over X, by Drake's dynamics of the model file.
 
     With `dv/dt = a_0(q, v) + G(q) u` and the driven joints D, the inputs of a motion of these are
     `u = G_DD^-1 (a - a_0)_D`: those that hold them against gravity and speed, and `|G_DD^-1| A` more for any
-    accelerations up to A, here those that stop `speed` within `reach`, times AUTHORITY. What a joint's `effort` allows
-    of it is decided elsewhere.
-
-    Args:
-        reach, speed: half-widths of X around the middle of each axis, (n,).
+    accelerations up to A, here those that stop SPEED within half of X, times AUTHORITY. What a joint's `effort` allows
+    of it is decided elsewhere. `gravity` is along -z, m/s^2.
     """
-    plant, joints = multibody_plant(urdf, (0.0, 0.0, -GRAVITY))
+    plant, joints = multibody_plant(urdf, (0.0, 0.0, -gravity))
     order, on = [joints.index(a.joint) for a in axes], [k for k, a in enumerate(axes) if a.driven]
-    n = len(axes)
-    x = _corners(2 * n) * np.concatenate([reach, speed])
+    n, reach = len(axes), np.array([a.reach for a in axes])
+    x = _corners(2 * n) * np.concatenate([reach, np.full(n, SPEED)])
     x[:, :n] += [(a.range[0] + a.range[1]) / 2 for a in axes]
 
     def acceleration(u: Floats) -> Floats:
@@ -182,7 +178,7 @@ def needed_inputs(urdf: Path, axes: Sequence[Axis], reach: Floats, speed: Floats
     gains = np.stack([acceleration(unit) - free for unit in np.eye(n)], axis=2)  # (points, of joint, by input)
     masses = np.linalg.inv(gains[:, on][:, :, on])
     held = np.abs(np.einsum("kij,kj->ki", masses, free[:, on]))
-    stops = AUTHORITY * speed[on] ** 2 / (2 * reach[on])
+    stops = AUTHORITY * SPEED**2 / (2 * reach[on])
     return np.asarray((held + np.abs(masses) @ stops).max(axis=0))
 
 

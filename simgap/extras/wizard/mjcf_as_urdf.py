@@ -17,7 +17,10 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.effects import joint_effect
 from simgap.errors import UserError, excerpt
+from simgap.extras.wizard.joints import named_joints
+from simgap.io.model_export import write_inertial
 from simgap.late import scipy
+from simgap.model.tree import moved
 from simgap.plants.urdf_checks import loading
 from simgap.simulators import mjcf
 from simgap.simulators.mjcf_findings import most_force, motors_of
@@ -83,7 +86,10 @@ def compiled(path: Path, keep: Collection[str] | None, bolted: bool, at: Mapping
         )  # fmt: skip
     if not turning:
         raise UserError("has no hinge or slide", file=path, remedy="Give the model of a robot that moves.")
-    _check_names(path, [n for k, n in enumerate(names) if k != loose], turning, [*(keep or ()), *at])
+    if not all(n for k, n in enumerate(names) if k != loose):
+        raise UserError("a joint has no name", file=path, remedy="Name every joint.")
+    named_joints(turning if keep is None else keep, turning, "--joints")
+    named_joints(at or turning, turning, "--at")
     left = [n for n in turning if keep is None or n in keep]
     whole = len(left) == len(names)
     _check_loops(path, model, left, whole)
@@ -94,23 +100,13 @@ def compiled(path: Path, keep: Collection[str] | None, bolted: bool, at: Mapping
         model, alone = _alone(path, left, at)
     else:
         left_out = ()
-    gravity = np.array(model.opt.gravity)
+    gravity = mjcf.gravity_of(model)
     if np.abs(gravity[:2]).max() > _LEVEL * np.abs(gravity[2]):
         raise UserError("its gravity is not along -z", file=path, key="<option> gravity", remedy="Turn the bodies.")
     own = tuple(n for n in left if n in driven) or None
     robot = _robot(path, model, efforts)
-    return Compiled(robot, own, tuple(_effects(model)), -float(gravity[2]), float(model.opt.timestep), alone, left_out)
-
-
-def _check_names(path: Path, names: Sequence[str], turning: Sequence[str], asked: Sequence[str]) -> None:
-    if not all(names):
-        raise UserError("a joint has no name", file=path, remedy="Name every joint.")
-    for name in asked:
-        if name not in turning:
-            raise UserError(
-                f"there is no hinge or slide {excerpt(name, 40)!r}", file=path, key="--joints",
-                remedy=f"It has: {', '.join(turning)}.",
-            )  # fmt: skip
+    down, step = 0.0 - float(gravity[2]), float(model.opt.timestep)
+    return Compiled(robot, own, tuple(_effects(model)), down, step, alone, left_out)
 
 
 def _check_loops(path: Path, model: Any, left: Collection[str], whole: bool) -> None:
@@ -149,7 +145,7 @@ def _acting(model: Any) -> bool:
 
 def _left_out(model: Any, left: Sequence[str]) -> Iterator[str]:
     if locked := model.njnt - len(left):
-        yield f"{locked} joint{'s' * (locked > 1)}, which stand still"
+        yield f"{locked} joint{'s' * (locked > 1)}, locked"
     if _acting(model):
         gains = [
             f"{name} kp = {0.0 - model.actuator_biasprm[k, 1]:g} kv = {0.0 - model.actuator_biasprm[k, 2]:g}"
@@ -265,13 +261,10 @@ def _robot(path: Path, model: Any, efforts: Mapping[str, float | None]) -> Eleme
 
 def _link(robot: ElementTree.Element, name: str, model: Any, b: int, anchor: Floats) -> None:
     link = ElementTree.SubElement(robot, "link", {"name": name})
-    if model.body_mass[b] > 0.0:
-        own = ElementTree.SubElement(link, "inertial")
-        own.append(origin_of(model.body_ipos[b] - anchor, _rotation(model.body_iquat[b])))
-        ElementTree.SubElement(own, "mass", {"value": f"{model.body_mass[b]:.12g}"})
-        moments = dict.fromkeys(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), 0.0)
-        moments |= zip(("ixx", "iyy", "izz"), model.body_inertia[b], strict=True)
-        ElementTree.SubElement(own, "inertia", {key: repr(float(value)) for key, value in moments.items()})
+    xx, yy, zz = model.body_inertia[b]
+    along_its_axes = np.array([model.body_mass[b], 0.0, 0.0, 0.0, xx, 0.0, 0.0, yy, 0.0, zz])
+    turned = _rotation(model.body_iquat[b]).as_matrix()
+    write_inertial(link, moved(along_its_axes, turned, model.body_ipos[b] - anchor))
 
 
 def _moves(joint: ElementTree.Element, model: Any, j: int, effort: float | None) -> None:
@@ -289,17 +282,12 @@ def _moves(joint: ElementTree.Element, model: Any, j: int, effort: float | None)
 
 def _effects(model: Any) -> Iterator[tuple[str, str, Mapping[str, float]]]:
     for j in range(model.njnt):
-        name, dof = model.joint(j).name, int(model.jnt_dofadr[j])
-        if model.dof_armature[dof] > 0.0:
-            yield _stated("armature", name, model.dof_armature[dof])
-        rest = float(model.qpos_spring[model.jnt_qposadr[j]])
-        if model.jnt_stiffness[j] > 0.0 and rest == 0.0:
-            yield _stated("stiffness", name, model.jnt_stiffness[j])
-
-
-def _stated(attribute: str, joint: str, value: float) -> tuple[str, str, Mapping[str, float]]:
-    own = joint_effect(attribute)
-    return own.name, joint, {own.parameters[0].symbol: float(value)}
+        about_0 = model.qpos_spring[model.jnt_qposadr[j]] == 0.0
+        spring = model.jnt_stiffness[j] if about_0 else 0.0
+        for attribute, value in (("armature", model.dof_armature[model.jnt_dofadr[j]]), ("stiffness", spring)):
+            own = joint_effect(attribute)
+            if value > 0.0:
+                yield own.name, model.joint(j).name, {own.parameters[0].symbol: float(value)}
 
 
 def origin_of(place: Floats, turned: scipy.spatial.transform.Rotation) -> ElementTree.Element:

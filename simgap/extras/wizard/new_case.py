@@ -12,11 +12,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from simgap.config.load import load_case, parse_case, plain_content
-from simgap.errors import UserError, excerpt
-from simgap.extras.wizard.driven_arm import Proposal, rounded
+from simgap.errors import UserError, excerpt, placed
+from simgap.extras.wizard.driven_arm import Proposal, rounded, step_of
 from simgap.extras.wizard.joints import SPEED, TAU, Axis, axes_of, drives, needed_inputs
 from simgap.extras.wizard.model_file import Asked, NewModel, model_of_mjcf, model_of_urdf
 from simgap.extras.wizard.proposal import SECONDS
@@ -96,7 +94,8 @@ def _of_file(urdf: Path | None, mjcf: Path | None, asked: Asked, made: list[Path
         assert mjcf is not None
         model = model_of_mjcf(mjcf, asked, asked.note)
     made += model.made
-    content = _of_joints(model, asked)
+    with placed(file=urdf or mjcf):  # what is beside the case goes with it
+        content = _of_joints(model, asked)
     if (root := root_link(model.file.path)) != "world":
         asked.note(f"Its base, link '{excerpt(root, 40)}', is assumed to be bolted to the world.")
     return content
@@ -119,11 +118,12 @@ def _of_wheels(urdf: Path, wheels: WheelPair, asked: Asked) -> str:
 
 def _of_joints(model: NewModel, asked: Asked) -> str:
     file, urdf, out = model.file, model.file.path, asked.place.parent
-    axes = axes_of(urdf, file.joints, {n: q for n, q in asked.at.items() if n in file.joints})
+    axes = axes_of(file.joints, {n: q for n, q in asked.at.items() if n in file.joints})
     driven, why = drives(file, asked.inputs)
     axes = [replace(a, driven=a.joint in driven) for a in axes]
-    if len(axes) > 1:
-        asked.note(f"Inputs on {', '.join(driven)}: {why}. --inputs JOINT,JOINT names others.")
+    others = " --inputs JOINT,JOINT names others." * (len(axes) > 1)
+    asked.note(f"Inputs on {', '.join(driven)}: {why}.{others}")
+    least, damped = _damping({a.joint: file.joints[a.joint].damping for a in axes})
     about: dict[str, Any] = {
         "name": asked.place.name,
         "urdf": relative(urdf, out),
@@ -135,8 +135,8 @@ def _of_joints(model: NewModel, asked: Asked) -> str:
         "derived": len(axes) <= MOST_DERIVED,
         "most": MOST_DERIVED,
         "single": len(axes) == 1,
-        "damping": _damping(file, axes),
-        "damped": _damped(file, axes),
+        "damping": least,
+        "damped": damped,
         "rubs": {a.joint: file.joints[a.joint].friction for a in axes if file.joints[a.joint].friction > 0.0},
     }
     if about["rubs"]:
@@ -153,30 +153,25 @@ def _of_joints(model: NewModel, asked: Asked) -> str:
     return text("new_urdf.yaml.j2", **content)
 
 
-def _damping(file: ModelFile, axes: list[Axis]) -> float:
-    """Least damping of the joints: the engine has one number, and what others have more is an effect each."""
-    return min(file.joints[a.joint].damping for a in axes)
-
-
-def _damped(file: ModelFile, axes: list[Axis]) -> dict[str, float]:
-    """Damping beyond the least, by joint, without the digits of rounding."""
-    more = {a.joint: float(f"{file.joints[a.joint].damping - _damping(file, axes):.12g}") for a in axes}
-    return {joint: own for joint, own in more.items() if own > 0.0}
+def _damping(stated: Mapping[str, float]) -> tuple[float, dict[str, float]]:
+    """Least damping, the engine's one number, and what joints have beyond it, which is an effect each."""
+    least = min(stated.values())
+    more = {joint: float(f"{own - least:.12g}") for joint, own in stated.items()}  # without the digits of rounding
+    return least, {joint: own for joint, own in more.items() if own > 0.0}
 
 
 def _plain(urdf: Path, file: ModelFile, axes: list[Axis], about: Mapping[str, Any]) -> dict[str, Any]:
     """Numbers near the posture that need no search."""
     driven = [a for a in axes if a.driven]
     efforts = {a.drive: file.joints[a.joint].effort or None for a in axes}
-    reach, speed = np.array([a.reach for a in axes]), np.full(len(axes), SPEED)
     needed = {}
-    for a, u in zip(driven, needed_inputs(urdf, axes, reach, speed), strict=True):
+    for a, u in zip(driven, needed_inputs(urdf, axes, about["gravity"]), strict=True):
         rubs = about["rubs"].get(a.joint, 0.0)
         needed[a.drive] = rounded(max(float(u) + rubs, TIMES * rubs))
     nx = 2 * len(axes)
     volume = math.prod(2 * a.reach * 2 * SPEED for a in axes)
     values = 11 if len(axes) == 1 else 3
-    steps = {n: _step(u, efforts[n], values) for n, u in needed.items()}  # 0 is among the values
+    steps = {n: step_of(u, values, efforts[n] or math.inf, math.ceil) for n, u in needed.items()}  # 0 is among them
     return {
         "ranges": {a.joint: a.range for a in axes},
         "speed": SPEED,
@@ -237,17 +232,3 @@ def _substeps(found: Proposal, axes: Sequence[Axis], rubs: Mapping[str, float]) 
 
 def _usual_steps(tau: float) -> int:
     return max(1, round(ENGINE_STEPS * tau))
-
-
-def _step(needed: float, effort: float | None, values: int) -> float:
-    """Between neighbours of so many values from minus to plus what is needed, or what the joint's effort allows."""
-    step = _round_up(2 * needed / (values - 1))
-    if effort is None or step * (values - 1) / 2 <= effort:
-        return step
-    return rounded(2 * effort / (values - 1), down=True)
-
-
-def _round_up(value: float) -> float:
-    """At least the value, in two digits."""
-    near = rounded(value)
-    return near if near >= value else rounded(near + 10.0 ** (math.floor(math.log10(value)) - 1))

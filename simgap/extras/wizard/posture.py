@@ -87,17 +87,21 @@ Linear = Callable[[Floats, Floats], tuple[Floats, Floats, Floats]]
 
 
 def _linearised(model: SymbolicModel) -> Linear:
-    """(x, u) -> slopes of dx/dt in states (n, n) and in inputs (n, m), and dx/dt itself, (n,)."""
-    xdot = model.numeric()
-    states, inputs = [v.symbol for v in model.states], [v.symbol for v in model.inputs]
-    jump = sp.Wild("jump")  # of dry friction, which no linear model has
-    in_x, in_u = (
-        [[sp.diff(e, s).replace(sp.DiracDelta(jump), sp.S.Zero) for s in own] for e in xdot] for own in (states, inputs)
-    )
+    """(x, u) -> slopes of dx/dt in states (n, n) and in inputs (n, m), and dx/dt itself, (n,).
+
+    It raises a UserError where one of them is no finite number.
+    """
+    xdot, n = sp.Matrix(model.numeric()), len(model.states)
+    symbols, jump = [v.symbol for v in (*model.states, *model.inputs)], sp.Wild("jump")
+    slopes = xdot.jacobian(symbols).replace(sp.DiracDelta(jump), sp.S.Zero)  # dry friction, which no linear model has
+    whole = sp.lambdify(symbols, sp.Matrix.hstack(slopes, xdot), modules="numpy", cse=True)
 
     def linear(x: Floats, u: Floats) -> tuple[Floats, Floats, Floats]:
-        here = dict(zip([*states, *inputs], [*x, *u], strict=True))
-        return _numbers(in_x, here), _numbers(in_u, here), _numbers([[e] for e in xdot], here)[:, 0]
+        with np.errstate(all="ignore"):
+            found = np.array(whole(*x, *u), dtype=np.float64)
+        if not np.isfinite(found).all():
+            raise UserError("the model is not finite at this posture", key="--at", remedy="Name another one.")
+        return found[:, :n], found[:, n:-1], found[:, -1]
 
     return linear
 
@@ -147,21 +151,6 @@ def _scale(model: SymbolicModel, rate: float) -> Floats:
     for c in model.coordinates:
         scale[c.velocity] = scale[c.position] * rate
     return np.array([scale[n] for n in model.state_names])
-
-
-def _numbers(rows: list[list[sp.Expr]], at: Mapping[sp.Symbol, float]) -> Floats:
-    """The expressions there.
-
-    Raises:
-        UserError: one that is no finite number there.
-    """
-    try:
-        found = np.array([[float(sp.sympify(e).subs(at)) for e in row] for row in rows], dtype=np.float64)
-    except TypeError:
-        found = np.array([[np.nan]])
-    if not np.isfinite(found).all():
-        raise UserError("the model is not finite at this posture", key="--at", remedy="Name another one.")
-    return found.reshape(len(rows), -1)
 
 
 TURNS = (0.45, 0.6, 0.8)
@@ -300,14 +289,19 @@ def unmoved(model: SymbolicModel, posture: Posture) -> str:
     return "by its linear model one exists, but none was found at the sampling times that were tried"
 
 
-def check_room(names: Sequence[str], sought: Floats, room: Mapping[str, tuple[float, float]]) -> None:
-    """Refuse a state whose room is next to nothing of the X that is sought, half-widths (n,).
+def check_room(at: Mapping[str, float], sought: Floats, room: Mapping[str, tuple[float, float]]) -> None:
+    """Refuse states of a posture that are outside their room, or whose room is next to nothing of the half-widths (n,)
+    of the X that is sought.
 
     Raises:
         UserError: with the room's ends.
     """
-    for n, aim in zip(names, sought, strict=True):
+    for (n, x), aim in zip(at.items(), sought, strict=True):
         lo, hi = room.get(n, (-math.inf, math.inf))
+        if not lo < x < hi:
+            raise UserError(
+                f"the posture is outside the room of {n}, [{lo:g}, {hi:g}]", key="--at", remedy="Name a posture inside."
+            )
         if hi - lo < 2.0 * NOTHING * aim:
             raise UserError(
                 f"{n} has no room: its limits are {lo:g} and {hi:g}, where +-{aim:.2g} is sought", key=f"domain.X.{n}",

@@ -26,6 +26,7 @@ from simgap.extras.wizard.driven_arm import (
     gap_beside_inputs,
     is_driven,
     rounded,
+    step_of,
 )
 from simgap.extras.wizard.dry_friction_guess import Rubbing, rubbing
 from simgap.extras.wizard.posture import (
@@ -83,27 +84,29 @@ class Search:
             UserError: a state without room, or inputs that are far too weak.
         """
         sought = self.sought()
-        check_room(self.model.state_names, sought, self.room)
+        check_room(dict(zip(self.model.state_names, self.posture.x, strict=True)), sought, self.room)
         most = beyond_rest(self.model, self.posture, self.limits)
         check_strength(self.model.input_names, most, SHARES[0] * np.abs(self.shape.gain) @ sought)
+
+    @property
+    def least(self) -> int:
+        """Values of each input at least."""
+        return VALUES.get(len(self.model.inputs), FEWER)
 
     def rounds(self) -> Iterator[tuple[int, ...]]:
         """Cells along each axis: as the linear model asks, then more while they are affordable."""
         for k in itertools.count():
             more = GROWTH ** (k / len(self.shape.cells))
             cells = tuple(max(FEWEST, math.ceil(n * more)) for n in self.shape.cells)
-            values = VALUES.get(len(self.model.inputs), FEWER) ** len(self.model.inputs)
-            if math.prod(cells) * values > (PAIRS if k else 10 * PAIRS):
+            if math.prod(cells) * self.least ** len(self.model.inputs) > (PAIRS if k else 10 * PAIRS):
                 return
             yield cells
 
     def values(self, needed: Floats, box: Floats, cells: tuple[int, ...]) -> list[int]:
         """How many of each input: neighbours no farther apart than what the feedback makes of a cell."""
         apart = 2.0 * np.abs(self.shape.gain) @ (box / np.array(cells))
-        least = VALUES.get(len(self.model.inputs), FEWER)
-        return [
-            min(MOST, max(least, 1 + 2 * math.ceil(n / max(a, 1e-300)))) for n, a in zip(needed, apart, strict=True)
-        ]
+        between = [math.ceil(n / max(a, 1e-300)) for n, a in zip(needed, apart, strict=True)]
+        return [min(MOST, max(self.least, 1 + 2 * n)) for n in between]
 
     def sought(self) -> Floats:
         """Half-widths of X where nothing limits it: what the motion depends on goes to REACH of its scale."""
@@ -123,13 +126,7 @@ class Search:
         fits, needed = 1.0, self._travelled(box, share)
         for j, n in enumerate(names):
             lo, hi = self.room.get(n, (-math.inf, math.inf))
-            there = min(hi - self.posture.x[j], self.posture.x[j] - lo)
-            if there <= 0:
-                raise UserError(
-                    f"the posture is outside the room of {n}, [{lo:g}, {hi:g}]", key="--at",
-                    remedy="Name a posture inside.",
-                )  # fmt: skip
-            fits = min(fits, there / (box[j] + needed[j]))
+            fits = min(fits, min(hi - self.posture.x[j], self.posture.x[j] - lo) / (box[j] + needed[j]))
         return box * fits
 
     def _travelled(self, box: Floats, share: float) -> Floats:
@@ -151,9 +148,9 @@ class Search:
         needed = share * np.abs(self.shape.gain) @ box
         most = beyond_rest(self.model, self.posture, self.limits)
         fits = min([1.0, *(most[needed > 0] / needed[needed > 0])])
-        half = [rounded(v, down=True) for v in box * fits]
+        half = [rounded(v, math.floor) for v in box * fits]
         counts = self.values(needed, box, cells)
-        steps = [self._step(*own, fits < 1.0) for own in zip(range(len(counts)), needed * fits, counts, strict=True)]
+        steps = [step_of(*own) for own in zip(needed * fits, counts, most, strict=True)]
         x = self.posture.x
         space = Space(self.model.state_names, Box(x - half, x + half))
         every = [
@@ -180,12 +177,6 @@ class Search:
             float((np.array(half) / sought).min()), against=against, rubs=self.rubs is not None and against > 0.0,
             narrowed=(min(shares, key=shares.__getitem__),),
         )  # fmt: skip
-
-    def _step(self, k: int, half: float, count: int, down: bool) -> float:
-        """Between values of input k that reach `half` from rest, rounded without passing what its drive gives."""
-        step = rounded(2 * half / (count - 1), down=down)
-        left = beyond_rest(self.model, self.posture, self.limits)[k]
-        return step if step * (count // 2) <= left else rounded(2 * half / (count - 1), down=True)
 
 
 HELD = 0.02
@@ -257,11 +248,9 @@ def _answers(
     for cells in rounds:
         for share in SHARES:
             best = max((t.wins for t in tried), default=0.0)
-            least = VALUES.get(len(model.inputs), FEWER) ** len(model.inputs)
-            tell(
-                f"trying {_shown(cells)} cells, {math.prod(cells) * least / 1e6:.2g} million pairs of cell and input"
-                + (f"; best so far {best:.2g}" if best else "")
-            )
+            pairs = math.prod(cells) * search.least ** len(model.inputs) / 1e6
+            so_far = f"; best so far {best:.2g}" if best else ""
+            tell(f"trying {_shown(cells)} cells, {pairs:.2g} million pairs of cell and input{so_far}")
             tried.append(search.play(cells, share))
             if tried[-1].wins >= WINS:
                 yield tried[-1]

@@ -98,9 +98,9 @@ def excursion(
         BrokenPromise: when the iteration does not settle (the dynamics may leave any bound within half a sample).
     """
     added = np.zeros(region.size) if extra_rate is None else np.asarray(extra_rate, dtype=np.float64)
-    reach, speed, needed = _settled(flow, region, inputs, tau, added)
-    if speed is not None:
-        return _narrowed(flow, region, inputs, tau, added, reach, speed)
+    if (found := stray(flow, region, inputs, tau, added)) is not None:
+        return found
+    _, _, needed = _settled(flow, region, inputs, tau, added)
     axis = int(np.argmax(np.where(np.isfinite(needed), needed / (region.hi - region.lo), np.inf)))
     of = f" of {names[axis]}" if names else ""
     shorter = enough(flow, region, inputs, tau, added)
@@ -110,10 +110,11 @@ def excursion(
     )
 
 
-def _narrowed(
-    flow: Flow, region: Box, inputs: Floats, tau: float, added: Floats, reach: Floats, speed: Floats
-) -> tuple[Floats, Floats]:
-    """Result of `excursion`, from a reach that holds every path and the rates within it."""
+def stray(flow: Flow, region: Box, inputs: Floats, tau: float, added: Floats) -> tuple[Floats, Floats] | None:
+    """Result of `excursion`, or None where it has no bound: without the search of a shorter sampling time."""
+    reach, speed, _ = _settled(flow, region, inputs, tau, added)
+    if speed is None:
+        return None
     samples = walls = reach
     if flow.slopes is None:
         return np.stack([samples, walls]), speed
@@ -166,11 +167,8 @@ def enough(flow: Flow, region: Box, inputs: Floats, tau: float, extra_rate: Floa
     """
 
     def leaves(time: float) -> bool:
-        reach, speed, _ = _settled(flow, region, inputs, time, extra_rate)
-        if speed is None:
-            return False
-        _, walls = _narrowed(flow, region, inputs, time, extra_rate, reach, speed)[0]
-        return bool((walls <= _LEAVES * (region.hi - region.lo)).all())
+        found = stray(flow, region, inputs, time, extra_rate)
+        return found is not None and bool((found[0][1] <= _LEAVES * (region.hi - region.lo)).all())
 
     low = next((own for own in tau / 2.0 ** np.arange(1, _HALVINGS) if leaves(own)), None)
     if low is None:
