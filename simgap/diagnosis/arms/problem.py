@@ -87,7 +87,7 @@ def motions(record: Record, ends: Sequence[Coordinate], torques: Sequence[str]) 
             raise UserError(
                 f"the position '{c.position}' is not measured", remedy="An arm's diagnosis needs every position."
             )
-    rate = 1.0 / float(np.median(np.concatenate([np.diff(t.t) for t in record.traces])))
+    rate = 1.0 / record.interval
     raw = [_even(record, trace, ends, torques, rate) for trace in record.traces]
     band = max(_band(v, rate) for _, _, v, _ in raw)
     if not band > 0.0:
