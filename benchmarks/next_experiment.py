@@ -41,7 +41,7 @@ def opened(c: Confusion) -> dict[str, Any]:
     begun = time.process_time()
     advice = ask(c.question, np.random.default_rng(1))
     cpu = time.process_time() - begun
-    best, t = advice.proposal.best, advice.bench.t
+    best, t = advice.proposal.best, advice.proposal.bench.t
     row: dict[str, Any] = {
         "plant": c.plant, "seed": c.seed, "hidden": sorted(map(list, c.truth)),
         "open": [r.label for r in advice.known.rivals],

@@ -193,9 +193,7 @@ def _with(case: Case, effects: Effects) -> Case:
     """The case whose simulator acts out more."""
     section = case.simulator
     assert section is not None
-    more = [
-        AddedEffect(name=e.name, on=e.on, parameters=dict(e.values)) for e in effects if not effect(e.name).remembers
-    ]
+    more = [_added(e) for e in effects if not effect(e.name).remembers]
     return case.model_copy(update={"simulator": section.model_copy(update={"effects": (*section.effects, *more)})})
 
 
@@ -231,75 +229,65 @@ LAG_CELLS, LAG_SAMPLES, LAG_BLOCKS = 24, 4, 2
 """Along a lagged input: cells of the abstraction, of a grid of half-widths, and of a bound in blocks."""
 
 
-@dataclass(frozen=True)
-class Augmentation:
-    """Memory of the inputs that the corrected case carries.
+def remember_commands(content: dict[str, Any], case: Case, applied: Sequence[AppliedEffect]) -> tuple[str, ...]:
+    """Give the plain content of a case the memory that delays and lags of its inputs ask for, as far as it stays small.
 
-    Attributes:
-        lags: input -> range of what the plant feels, for each lag that becomes a state.
-        pending: whether one sample of delay becomes the controller's latency.
-        words: a sentence for each decision, for the head of the case.
+    Args:
+        content, case: the same case, which checks; applied: all effects that its plant will have.
+
+    Returns:
+        a sentence for each decision, for the head of the case.
     """
-
-    lags: Mapping[str, tuple[float, float]]
-    pending: bool
-    words: tuple[str, ...]
-
-
-def plan(case: Case, applied: Sequence[AppliedEffect]) -> Augmentation:
-    """Decide for a case that checks, with all effects that its plant will have."""
-    remembered = delays_and_lags(applied)
-    lagged = sorted(on for on, (_, lag) in remembered.items() if lag > 0.0)
+    remembered, words = delays_and_lags(applied), list[str]()
+    if case.domain is None:
+        return ()
+    lagged = {on: _felt(case.domain.U[on], applied, on) for on, (_, lag) in sorted(remembered.items()) if lag > 0.0}
     delays = {on: delay for on, (delay, _) in remembered.items() if delay > 0.0}
-    if case.domain is None or not (lagged or delays):
-        return Augmentation({}, False, ())
-    ranges = {on: _felt(case.domain.U[on], applied, on) for on in lagged}
-    words = []
-    fits = bool(lagged) and _rollouts(case, ranges) and _pairs(case, len(lagged))
-    if lagged:
+    fits = bool(lagged) and _rollouts(case, lagged) and _pairs(case, len(lagged))
+    if fits:
         names = ", ".join(f"{on}_lagged" for on in lagged)
+        words.append(f"The lag is a state of the model: {names}, which the controller computes from its own commands.")
+        for on, ends in lagged.items():
+            _add_state(content, case, on, ends)
+    elif lagged:
         words.append(
-            f"The lag is a state of the model: {names}, which the controller computes from its own commands."
-            if fits
-            else "The lag is not in the sampled model: as a state it would exceed "
+            "The lag is not in the sampled model: as a state it would exceed "
             f"{LARGEST_ROLLOUTS:,} roll-outs or {LARGEST_PAIRS:,} pairs. Gamma covers it."
         )
-    pending = bool(delays) and _one_sample(case, delays) and not fits
-    if delays:
+    if delays and _one_sample(case, delays) and not fits:
+        content["sensing"] = {**(content.get("sensing") or {}), "latency": 1, "latency_of": "input_delay"}
         words.append(
             "The first sample of the delay is the controller's latency: it knows which input is pending, and commands "
             "that would act earlier are held back. Gamma covers the rest."
-            if pending
-            else "The delay is not in the sampled model: it is not near one sample of every input, or too large with "
+        )
+    elif delays:
+        words.append(
+            "The delay is not in the sampled model: it is not near one sample of every input, or too large with "
             "these cells and inputs, or not for this specification. Gamma covers it."
         )
-    return Augmentation(ranges if fits else {}, pending, tuple(words))
+    return tuple(words)
 
 
-def augment(content: dict[str, Any], case: Case, chosen: Augmentation) -> None:
-    """Write the decision into the plain content of the case."""
-    for on, ends in chosen.lags.items():
-        name = f"{on}_lagged"
-        if name in content["plant"]["states"]:
-            continue
-        content["plant"]["states"][name] = {"unit": case.plant.inputs[on].unit, "lag_of": on}
-        content["domain"]["X"][name] = list(ends)
-        if case.grid is not None and case.grid.half_widths:
-            content["grid"]["half_widths"][name] = (ends[1] - ends[0]) / (2 * LAG_SAMPLES)
-        if case.synthesis is not None:
-            content["synthesis"]["cells"] = [*content["synthesis"]["cells"], LAG_CELLS]
-        basis = content["gap"]["basis"] if case.gap is not None else None
-        if isinstance(basis, list):
-            content["gap"]["basis"] = [*basis, name]
-        elif isinstance(basis, dict) and basis.get("blocks"):
-            basis["blocks"] = [*basis["blocks"], LAG_BLOCKS]
-    if chosen.pending:
-        content["sensing"] = {**(content.get("sensing") or {}), "latency": 1, "latency_of": "input_delay"}
+def _add_state(content: dict[str, Any], case: Case, on: str, ends: tuple[float, float]) -> None:
+    """The lag of an input as a state, with the range of what the plant feels."""
+    name = f"{on}_lagged"
+    if name in content["plant"]["states"]:
+        return
+    content["plant"]["states"][name] = {"unit": case.plant.inputs[on].unit, "lag_of": on}
+    content["domain"]["X"][name] = list(ends)
+    if case.grid is not None and case.grid.half_widths:
+        content["grid"]["half_widths"][name] = (ends[1] - ends[0]) / (2 * LAG_SAMPLES)
+    if case.synthesis is not None:
+        content["synthesis"]["cells"] = [*content["synthesis"]["cells"], LAG_CELLS]
+    basis = content["gap"]["basis"] if case.gap is not None else None
+    if isinstance(basis, list):
+        content["gap"]["basis"] = [*basis, name]
+    elif isinstance(basis, dict) and basis.get("blocks"):
+        basis["blocks"] = [*basis["blocks"], LAG_BLOCKS]
 
 
 def _felt(values: InputSet, applied: Sequence[AppliedEffect], on: str) -> tuple[float, float]:
-    effects = [AddedEffect(name=a.name, on=a.on, parameters=dict(a.values)) for a in applied]
-    return CommandPath.of(effects, on, values.list().tolist(), 0.0).felt
+    return CommandPath.of([_added(a) for a in applied], on, values.list().tolist(), 0.0).felt
 
 
 def _rollouts(case: Case, ranges: Mapping[str, tuple[float, float]]) -> bool:
@@ -371,30 +359,33 @@ def corrected_case(
     Raises:
         UserError: if the result does not check, which an original that checks makes impossible but for the name.
     """
-    content = copy.deepcopy(case_content(case_path))
-    source, folder = case_path.parent, target.parent
-    move_files(content, lambda path: reading.relative(source / path, folder))
+    content, words = _moved(case_path, target.parent, data), tuple[str, ...]()
     if urdf is not None:
         content["plant"]["urdf"] = urdf
-    if isinstance(content.get("measured"), dict):
-        content["measured"]["files"] = [reading.relative(path, folder) for path in data]
-    words: tuple[str, ...] = ()
     if applied or urdf is not None:
         content["name"] = str(content["name"]).removesuffix(SUFFIX) + SUFFIX
     if applied:
-        added = [_plain(a) for a in applied]
-        content["plant"]["effects"] = [*content["plant"].get("effects", []), *added]
+        _append(content["plant"], applied)
         if rig != "simulator":
             shared = applied if simulated is None else simulated.effects
             readings = dict.fromkeys(r for a in applied if (r := effect(a.name).reading_remedy))
-            words = (*readings, *_on_hardware(content, [_plain(a) for a in shared], target, case_path))
+            words = (*readings, *_on_hardware(content, shared, target, case_path))
     if remainder is not None and remainder.by:
         content["gap"].pop("remainder_within", None)  # of an earlier diagnosis
         content["gap"] |= _remainder(remainder)
     checked = parse_case(yaml.safe_load(_dumped(content)), target, case_path)
-    _ = PlantModel.of(checked, folder).corrected  # refuses what does not fit
-    moved = with_plugin_copies(content, plugin_copies(checked, source, folder))
+    _ = PlantModel.of(checked, target.parent).corrected  # refuses what does not fit
+    moved = with_plugin_copies(content, plugin_copies(checked, case_path.parent, target.parent))
     return _header(applied, rig, sentence, content, words, urdf, simulated) + _dumped(moved)
+
+
+def _moved(case_path: Path, folder: Path, data: Sequence[Path]) -> dict[str, Any]:
+    """The plain content of a case, its paths as they hold from another folder, with these recordings."""
+    content = copy.deepcopy(case_content(case_path))
+    move_files(content, lambda path: reading.relative(case_path.parent / path, folder))
+    if isinstance(content.get("measured"), dict):
+        content["measured"]["files"] = [reading.relative(path, folder) for path in data]
+    return content
 
 
 def _remainder(use: RemainderUse) -> dict[str, Any]:
@@ -410,26 +401,31 @@ def _dumped(content: Mapping[str, Any]) -> str:
     return yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=120, default_flow_style=None)
 
 
+def _append(section: dict[str, Any], effects: Sequence[AppliedEffect]) -> None:
+    """More effects in a section of a case."""
+    section["effects"] = [*section.get("effects", []), *(_added(a).model_dump() for a in effects)]
+
+
 def _on_hardware(
-    content: dict[str, Any], added: Sequence[dict[str, Any]], target: Path, case_path: Path
+    content: dict[str, Any], added: Sequence[AppliedEffect], target: Path, case_path: Path
 ) -> tuple[str, ...]:
     """The simulator gets what moves the plant; delay and lag that it has become states while they stay small."""
-    moving = [e for e in added if not effect(e["name"]).reading_remedy]
+    moving = [a for a in added if not effect(a.name).reading_remedy]
     if moving and isinstance(content.get("simulator"), dict):
-        content["simulator"]["effects"] = [*content["simulator"].get("effects", []), *moving]
+        _append(content["simulator"], moving)
     case = parse_case(content, target, case_path)
     if isinstance(content.get("simulator"), dict):  # what it does not remember is no state of a roll-out
         late = [(e["name"], e["on"]) for e in content["simulator"].get("effects", [])]
     else:
         late = [(e.name, e.on) for e in case.plant.effects]
     every = [AppliedEffect(e.name, e.on, e.parameters) for e in case.plant.effects]
-    chosen = plan(case, [e for e in every if not effect(e.name).remembers or (e.name, e.on) in late])
-    augment(content, case, chosen)
-    return tuple(chosen.words)
+    shared = [e for e in every if not effect(e.name).remembers or (e.name, e.on) in late]
+    return remember_commands(content, case, shared)
 
 
-def _plain(a: AppliedEffect) -> dict[str, Any]:
-    return {"name": a.name, "on": a.on, "parameters": {symbol: float(v) for symbol, v in a.values.items()}}
+def _added(a: AppliedEffect) -> AddedEffect:
+    """The effect as a case has it."""
+    return AddedEffect(name=a.name, on=a.on, parameters={symbol: float(v) for symbol, v in a.values.items()})
 
 
 def _header(

@@ -74,15 +74,11 @@ def conclude(
     watch = search.watch
     tested = word in ("partial", "unexplained") and short is None and not watch.stopped
     left = second_look(search, chosen.found if named else empty, confirm, held, horizon, model) if tested else None
-    pushes = push_faults(parts.left_out, known, names)
     plain = replace(known, usual=None)
     declared = fit(plain, base.theta, base.x0, [], {})
     findings = _findings(model, record, known, chosen, kept, grade.others)
     windows = answer.predictions(known, names, (base, base.x0), (kept.fit, kept.fit.x0), False)
     windows += answer.predictions(confirm, names, (base, old.states), (kept.fit, held.states), True)
-    most = settings.max_effects if chosen.at_floor else min(settings.max_effects, settings.most_off_floor)
-    own, usual = settings, DiagnosisSettings()
-    limited = (own.max_effects, own.most_off_floor) != (usual.max_effects, usual.most_off_floor)  # by a person
     return Diagnosis(
         verdict=word,
         effects=findings.effects,
@@ -101,15 +97,22 @@ def conclude(
         stopped=f"{watch.stopped}: the answer is the best of {watch.sets} sets of effects." if watch.stopped else "",
         unconfirmed=grade.further,
         faint_memory=grade.faint,
-        at_most=most if limited and len(chosen.kept.members) >= most else None,
+        at_most=_limit_reached(settings, chosen),
         applied=answer.applied(kept),
         windows=tuple(windows),
         nearest=short,
         left_over=left,
         concentrated=judgement.where,
-        recording=(*faults, *pushes, *findings.faults, *noise_faults(known)),
+        recording=(*faults, *push_faults(parts.left_out, known, names), *findings.faults, *noise_faults(known)),
         steps=path,
     )
+
+
+def _limit_reached(settings: DiagnosisSettings, chosen: Chosen) -> int | None:
+    """The limit on the number of effects, where a person set one and that many were chosen."""
+    limits, usual = ((s.max_effects, s.most_off_floor) for s in (settings, DiagnosisSettings()))
+    most = settings.max_effects if chosen.at_floor else min(limits)
+    return most if limits != usual and len(chosen.kept.members) >= most else None
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
-from typing import Protocol
 
 from simgap import plugins
+from simgap.config.plant import AddedEffect
 from simgap.effects.base import AppliedEffect, CoordinateEffect, Effect, EffectParameter, MjcfPlace
 from simgap.effects.commands import InputEffect, MemoryInputEffect, StaticInputEffect
 from simgap.errors import UserError
@@ -75,19 +75,7 @@ def joint_effect(attribute: str) -> Effect:
     return next(e for e in EFFECTS.values() if e.mjcf == MjcfPlace("joint", (attribute,)))
 
 
-class Declared(Protocol):
-    """An effect as a case declares it."""
-
-    @property
-    def name(self) -> str:
-        """Name of the effect."""
-
-    @property
-    def parameters(self) -> Mapping[str, float]:
-        """Its numbers by symbol."""
-
-
-def check_listed(declared: Sequence[Declared], key: str) -> None:
+def check_listed(declared: Sequence[AddedEffect], key: str) -> None:
     """Refuse effects of a case that do not exist, or whose numbers are not theirs or not physical.
 
     Raises:

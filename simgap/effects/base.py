@@ -107,6 +107,11 @@ def multiple(symbol: str, value: float) -> Start:
     return Start(1, lambda c: {symbol: max(c[0], 0.0) * value}, amplitude=1.0)
 
 
+def beside(symbol: str, **held: float) -> Start:
+    """A derivative at 0 in one parameter, the others at definite values."""
+    return Start(1, lambda c: {symbol: c[0], **held})
+
+
 Kind = Literal["coordinate", "input", "state", "parameter", "plant"]
 Values: TypeAlias = "Mapping[str, sp.Expr]"
 PLANT, FORCE, SENSOR, COMMAND = 0, 100, 200, 300
@@ -234,7 +239,11 @@ class Effect(ABC):
 
     def units(self, model: SymbolicModel, on: str) -> dict[str, str]:
         """Unit of each parameter symbol for this target."""
-        return {p.symbol: p.unit for p in self.parameters}
+        own = {"input": model.units.get(on), "state": model.units.get(on)}
+        if self.kind == "coordinate":
+            c = model.coordinate(on)
+            own |= {"force": c.force_unit, "position": model.units[c.position]}
+        return {p.symbol: p.unit.format_map(own) for p in self.parameters}
 
     def starts(self, scales: Scales) -> tuple[Start, ...]:
         """Starts of a search for the effect: at the times of `begin`, or with the derivatives at its null."""
@@ -394,11 +403,6 @@ class CoordinateTarget(Effect):
     def targets(self, model: SymbolicModel) -> tuple[str, ...]:
         """Every coordinate of the plant."""
         return tuple(c.name for c in model.coordinates)
-
-    def units(self, model: SymbolicModel, on: str) -> dict[str, str]:
-        """Units from those of the coordinate's force and of the state that is its position."""
-        c = model.coordinate(on)
-        return {p.symbol: p.unit.format(force=c.force_unit, position=model.units[c.position]) for p in self.parameters}
 
 
 class CoordinateEffect(CoordinateTarget):

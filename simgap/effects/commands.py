@@ -24,10 +24,6 @@ class InputEffect(Effect):
         """Every input of the plant that is commanded."""
         return tuple(name for name in model.input_names if name not in model.conditions)
 
-    def units(self, model: SymbolicModel, on: str) -> dict[str, str]:
-        """Units from the input's."""
-        return {p.symbol: p.unit.format(input=model.units[on]) for p in self.parameters}
-
     def phrase(self, on: str) -> str:
         """'the dead zone of torque'."""
         return self.short.format(on=on) or f"the {self.name.removeprefix('input_').replace('_', ' ')} of {on}"

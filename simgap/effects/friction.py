@@ -17,6 +17,7 @@ from simgap.effects.base import (
     Scales,
     Start,
     Values,
+    beside,
     both_sides,
 )
 from simgap.effects.commands import DriveEffect
@@ -170,11 +171,7 @@ class DahlFriction(MemoryForceEffect):
 
     def starts(self, scales: Scales) -> tuple[Start, ...]:
         """The level as a linear coefficient, for distances travelled in a few hundredths of a second."""
-
-        def at(distance: float) -> Start:
-            return Start(1, lambda c: {"F_c": c[0], "d": distance})
-
-        return tuple(at(share * scales.speed) for share in (0.006, 0.02, 0.06))
+        return tuple(beside("F_c", d=share * scales.speed) for share in (0.006, 0.02, 0.06))
 
     def rate(self, memory: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """(v - |v| z) / d."""
@@ -231,11 +228,10 @@ class LuGreFriction(MemoryForceEffect):
 
     def starts(self, scales: Scales) -> tuple[Start, ...]:
         """The level as a linear coefficient, for a few distances and Stribeck speeds."""
-
-        def at(distance: float, speed: float) -> Start:
-            return Start(1, lambda c: {"F_c": c[0], "d": distance, "rise": _RISE, "v_s": speed, "sigma_1": 0.0})
-
-        return tuple(at(d * scales.speed, v * scales.speed) for d in (0.006, 0.02) for v in (0.03, 0.1, 0.3))
+        return tuple(
+            beside("F_c", d=d * scales.speed, rise=_RISE, v_s=v * scales.speed, sigma_1=0.0)
+            for d in (0.006, 0.02) for v in (0.03, 0.1, 0.3)
+        )  # fmt: skip
 
     def slip(self, memory: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """d dz/dt: how fast the bristles bend."""

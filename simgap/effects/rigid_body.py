@@ -18,6 +18,7 @@ from simgap.effects.base import (
     Scales,
     Start,
     Values,
+    beside,
 )
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
@@ -159,11 +160,7 @@ class Payload(Effect):
 
     def starts(self, scales: Scales) -> tuple[Start, ...]:
         """The mass as a linear coefficient, at a few distances."""
-
-        def at(distance: float) -> Start:
-            return Start(1, lambda c: {"m_p": c[0], "r": distance})
-
-        return tuple(at(distance) for distance in (0.05, 0.2, 0.5, 1.2))
+        return tuple(beside("m_p", r=distance) for distance in (0.05, 0.2, 0.5, 1.2))
 
     def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
         """Change mass, centre of mass and inertia at once."""

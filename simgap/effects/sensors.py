@@ -30,10 +30,6 @@ class SensorOffset(Effect):
         """Change what the sensor reads; the motion stays as it is."""
         return model.with_output(on, model.outputs.get(on, symbol(on)) + values["offset"])
 
-    def units(self, model: SymbolicModel, on: str) -> dict[str, str]:
-        """The unit of the state."""
-        return {"offset": model.units[on]}
-
 
 LINEAR = {"viscous_friction", "spring", "parameter_error", "reflected_inertia", "input_delay", "input_lag"}
 

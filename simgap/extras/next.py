@@ -61,7 +61,7 @@ def paragraph(question: Question, advice: Advice, units: Mapping[str, str], file
 
 
 def _recording(question: Question, advice: Advice, units: Mapping[str, str], file: str) -> str:
-    best, t = advice.proposal.best, advice.bench.t
+    best, t = advice.proposal.best, advice.proposal.bench.t
     assert best is not None
     own = len(question.middle)
     peaks = [
@@ -75,7 +75,7 @@ def _recording(question: Question, advice: Advice, units: Mapping[str, str], fil
     )
     held = ", ".join(
         f"{n} = {number(v)} {pretty_unit(question.model.units[n])}".strip()
-        for n, v in zip(question.model.conditions, advice.bench.held, strict=True)
+        for n, v in zip(question.model.conditions, advice.proposal.bench.held, strict=True)
     )
     under = f" with {held}" if held else ""
     rate = 1.0 / float(t[1] - t[0])
@@ -89,7 +89,7 @@ def _recording(question: Question, advice: Advice, units: Mapping[str, str], fil
 def _certainty(advice: Advice) -> str:
     best, rivals = advice.proposal.best, advice.known.rivals
     assert best is not None
-    a, b = advice.proposal.closest(rivals, advice.bench)
+    a, b = advice.proposal.closest
     pair = f"if {rivals[a].label} is right, {rivals[b].label} is expected to miss by {number(best.d[a, b], 3)} in χ²"
     chance = _percent(advice.proposal.sure)
     if advice.proposal.sure >= WANTED:
@@ -136,7 +136,7 @@ def lengths_in_words(advice: Advice) -> str:
 
 def _seconds(advice: Advice) -> tuple[str, str]:
     """Length of the proposed recording, and of the longest that was tried."""
-    t, whole = advice.bench.t, (advice.longest or advice.proposal).best
+    t, whole = advice.proposal.bench.t, (advice.longest or advice.proposal).best
     assert whole is not None
     return f"{t[-1] - t[0]:.3g} s", f"{(t[1] - t[0]) * (len(whole.u) - 1):.3g} s"
 
@@ -155,7 +155,7 @@ def _besides(advice: Advice) -> str:
 def _intervals(advice: Advice) -> str:
     best, (only,) = advice.proposal.best, advice.known.rivals
     assert best is not None
-    now = np.sqrt(np.diag(np.linalg.pinv(only.information, hermitian=True)) * advice.bench.excess)
+    now = np.sqrt(np.diag(np.linalg.pinv(only.information, hermitian=True)) * advice.proposal.bench.excess)
     ratios: Sequence[float] = (best.d / np.maximum(now, 1e-300)).tolist()
     little = " That is little: another recording of this kind is hardly needed." if min(ratios) > 1.0 - MATTERS else ""
     widths = joined([f"{100 * r:.2g} %" for r in ratios])
@@ -174,9 +174,9 @@ def next_figure(advice: Advice, measured: Sequence[str], left: Floats | None, un
     """
     import matplotlib.pyplot as plt
 
-    best, rivals, t = advice.proposal.best, advice.known.rivals, advice.bench.t
+    best, rivals, t = advice.proposal.best, advice.known.rivals, advice.proposal.bench.t
     assert best is not None
-    inputs = advice.bench.model.model.input_names[: len(advice.bench.middle)]
+    inputs = advice.proposal.bench.model.model.input_names[: len(advice.proposal.bench.middle)]
     rows = 2 if left is None else 3
     figure, axes = plt.subplots(rows, 1, sharex=True, figsize=(style.WIDTH, 2.2 * rows + 0.8))
     for j, name in enumerate(inputs):
@@ -195,7 +195,7 @@ def next_figure(advice: Advice, measured: Sequence[str], left: Floats | None, un
             axes[2].plot(t, left[:, k], lw=1.2, color=COLOURS[k % len(COLOURS)], label=name)
         axes[2].axhspan(-2, 2, color=style.FLOOR, alpha=0.35, lw=0, label="noise, ±2σ")
         axes[2].set_ylabel("missed / σ")
-        right, wrong = (rivals[k].label for k in advice.proposal.closest(rivals, advice.bench))
+        right, wrong = (rivals[k].label for k in advice.proposal.closest)
         axes[2].set_title(f"if {right} is right, what {wrong} misses, fitted again")
         axes[2].legend(loc="upper right", ncols=4)
     axes[-1].set_xlabel("time (s)")
@@ -315,8 +315,7 @@ def _limits(context: Context, record: Record) -> tuple[Box, Floats, Floats]:
 def _stamps(context: Context, record: Record, settings: DiagnosisSettings, seconds: float | None) -> Floats:
     """Stamps (n,), s, of the longest recording that may be proposed, or of one of the given length."""
     domain = context.case.domain
-    steps = np.concatenate([np.diff(t.t) for t in record.traces])
-    dt = domain.tau if domain is not None else float(np.median(steps))
+    dt = domain.tau if domain is not None else record.interval
     length = seconds if seconds is not None else min(LONGEST_S, max(t.duration for t in record.traces))
     count = round(length / dt) + 1
     if count > MOST_SAMPLES:
@@ -347,10 +346,10 @@ def _write(context: Context, question: Question, advice: Advice, out_dir: Path) 
         "tried": advice.proposal.tried,
         "outside": advice.proposal.left,
         "probability": advice.proposal.sure if len(rivals) > 1 else None,
-        "seconds": float(advice.bench.t[-1]),
+        "seconds": float(advice.proposal.bench.t[-1]),
         "remedy": None if advice.remedy is None else asdict(advice.remedy),
         "input": None if best is None else INPUT,
-        "conditions": dict(zip(question.model.conditions, advice.bench.held, strict=True)),
+        "conditions": dict(zip(question.model.conditions, advice.proposal.bench.held, strict=True)),
         "start": dict(zip(question.model.state_names, question.start.tolist(), strict=True)),
     }
     left = None
@@ -360,12 +359,12 @@ def _write(context: Context, question: Question, advice: Advice, out_dir: Path) 
         content["longest"] = {"seconds": float(question.t[-1]), "probability": whole.sure, "shown": whole.shown}
         content["expected_chi2"] = best.d.tolist()
         content["alike"] = [[rivals[a].label, rivals[b].label] for a, b in advice.proposal.alike()]
-        left = missed(advice.bench, best, rivals, *advice.proposal.closest(rivals, advice.bench))
+        left = missed(best, *advice.proposal.closest)
         content["chi2_alone"] = float(np.sum(left**2))
     elif best is not None:
         content["standard_errors"] = best.d.tolist()
     if best is not None:
-        rows = np.column_stack([advice.bench.t, best.u[:, : len(names)]]).tolist()
+        rows = np.column_stack([advice.proposal.bench.t, best.u[:, : len(names)]]).tolist()
         lines = [",".join(["t", *names]), *(",".join(f"{v:.9g}" for v in row) for row in rows)]
         write_text(out_dir / INPUT, "\n".join(lines) + "\n")
     content["provenance"] = provenance("next", context.case, context.folder, {"inputs": SEED})

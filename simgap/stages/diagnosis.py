@@ -15,7 +15,7 @@ from simgap.config.function_file import plugin_copies
 from simgap.config.measured import MeasuredSection, matching_files, named_recordings
 from simgap.correction.corrected_case import acted_out, corrected_case, measured_out
 from simgap.correction.remainder import bound_remainder, use_of
-from simgap.diagnosis.arms.diagnose import ArmSettings, diagnose_arm
+from simgap.diagnosis.arms.diagnose import diagnose_arm
 from simgap.diagnosis.arms.problem import TERMS, Payload
 from simgap.diagnosis.diagnose import diagnose_mended
 from simgap.diagnosis.record.clock import same_file
@@ -263,11 +263,8 @@ def diagnose_arm_recordings(
     with context.blame():
         inputs = [_drive(context, joint) for joint in tree.joints]
         ends = [model.coordinate(joint) for joint in tree.joints]
-        settings = ArmSettings(
-            reading.held_out, section.held_out.fraction, section.max_effects or ArmSettings.most,
-            _payloads(section, reading), _known(context, tree, inputs),
-        )  # fmt: skip
-        search = partial(diagnose_arm, tree, record, ends, inputs, settings)
+        settings, known = settings_of(section, reading), _known(context, tree, inputs)
+        search = partial(diagnose_arm, tree, record, ends, inputs, settings, _payloads(section, reading), known)
         found = answered(section.budget_s, search, tell)
     for warning in (*reading.warnings, *look.warnings, *found.warnings):
         log.warning("%s", warning)

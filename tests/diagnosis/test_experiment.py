@@ -16,7 +16,7 @@ from simgap.diagnosis.simulation.parts import parts_of
 from simgap.effects import AppliedEffect
 from simgap.extras.experiment.ask import Question, as_usable, ask, halves, shortest, windows_to_come
 from simgap.extras.experiment.propose import Wave, beside, tried, waves
-from simgap.extras.experiment.rivals import known_rivals, margins
+from simgap.extras.experiment.rivals import known_rivals
 from simgap.extras.next import paragraph
 from simgap.geometry import Box
 from simgap.model.symbolic import Coordinate, NamedParameter, Parameter, SymbolicModel, Variable, symbol
@@ -83,7 +83,7 @@ def test_what_a_wrong_explanation_misses_is_what_a_full_fit_to_both_recordings_l
     drag, pull = known.rivals
     bench = asked.bench(known, ())
     shape = np.stack([multisine(asked.t, 1.0, 0.3, 2.0, np.random.default_rng(5))], axis=1)
-    attempt = tried(bench, known.rivals, Wave("one", shape))
+    attempt = tried(bench, Wave("one", shape))
     d = attempt.d[0, 1] * bench.excess
     # the same from its definition: the wrong one's spring and the initial state of each window, free
     truth = moved(attempt.u[:, 0], (0.0, 0.0), viscous=drag.theta[drag.slots[0]])
@@ -109,7 +109,7 @@ def test_equal_explanations_are_said_to_be_equal_and_what_parts_them_is_named():
     """Gain and mass of a free mass: no input tells them, a mass that was weighed does."""
     data = record(gain=0.9)
     advice = ask(question(data, GAIN, HEAVY), np.random.default_rng(1))
-    z = margins(advice.proposal.best.d, advice.known.rivals, advice.bench)
+    z = advice.proposal.bench.margins(advice.proposal.best.d)
     assert z.min() < -2.0
     assert advice.proposal.sure < 0.05
     assert advice.remedy.kind == "condition"
@@ -135,8 +135,8 @@ def test_an_input_that_leaves_the_range_is_made_smaller(friction):
     known = known_rivals(asked.model, friction, asked.settings, asked.sets, asked.noise)
     bench = asked.bench(known, ())
     push = Wave("push", np.ones((len(asked.t), 1)))
-    assert tried(bench, known.rivals, Wave("small", 0.01 * push.u)) is not None
-    assert tried(bench, known.rivals, push) is None  # 2 N on 2 kg for 3 s: 4.5 m
+    assert tried(bench, Wave("small", 0.01 * push.u)) is not None
+    assert tried(bench, push) is None  # 2 N on 2 kg for 3 s: 4.5 m
     advice = ask(question(friction, DRAG, PULL), np.random.default_rng(1))
     assert all(np.all(np.abs(x) <= [2.0, 5.0]) for x in advice.proposal.best.states)
     assert advice.proposal.sure > 0.99
@@ -155,16 +155,16 @@ def test_under_known_conditions_the_better_one_is_proposed_and_said():
     asked = question(both, DRAG, PULL, model=conditioned(rail(), ["m"]))
     asked = replace(asked, conditions=((MASS,), (3.0 * MASS,)))
     advice = ask(asked, np.random.default_rng(1))
-    held = advice.bench.held
+    held = advice.proposal.bench.held
     assert held in asked.conditions
     assert np.all(advice.proposal.best.u[:, 1] == held[0])
     said = paragraph(asked, advice, {"u": "N", "x": "m"}, "input.csv")
     assert f"with m = {held[0]:g} kg" in said
     assert "(1) viscous friction at the rail; (2) spring at the rail" in said
     # the other condition would have told them less surely
-    same, rivals = Wave("same", advice.proposal.best.wave), advice.known.rivals
+    same = Wave("same", advice.proposal.best.wave)
     other = asked.bench(advice.known, next(c for c in asked.conditions if c != held), len(same.u))
-    here, there = tried(advice.bench, rivals, same), tried(other, rivals, same)
+    here, there = tried(advice.proposal.bench, same), tried(other, same)
     assert there is None or there.score <= here.score
 
 
@@ -191,7 +191,7 @@ def test_readings_of_one_count_of_an_encoder_make_no_one_surer():
     parted = {}
     for name, bench in (("counted", counted), ("plain", plain)):
         for speed, wave, pace in (("creep", creep, 0.0), ("quick", quick, 1.5)):  # a start from rest is slow at first
-            attempt = tried(replace(bench, start=np.array([0.0, pace])), known.rivals, wave)
+            attempt = tried(replace(bench, start=np.array([0.0, pace])), wave)
             assert attempt is not None
             parted[name, speed] = attempt.d[0, 1]
             travel = np.ptp(attempt.states[0][:, 0]) / step
@@ -241,7 +241,8 @@ def test_a_shorter_recording_is_proposed_where_it_is_enough_and_the_longer_one_i
     assert whole.longest is None
     assert len(advice.proposal.best.u) < len(asked.t)
     assert advice.longest.sure == whole.proposal.sure >= advice.proposal.sure >= 0.95
-    assert f"{advice.bench.t[-1]:.3g} s are enough; 12 s would make it" in paragraph(asked, advice, {"u": "N"}, "a.csv")
+    said = paragraph(asked, advice, {"u": "N"}, "a.csv")
+    assert f"{advice.proposal.bench.t[-1]:.3g} s are enough; 12 s would make it" in said
     assert "are enough" not in paragraph(asked, whole, {"u": "N"}, "a.csv")
 
 
@@ -253,9 +254,9 @@ def test_what_a_hidden_effect_leaves_is_what_another_one_fitted_to_both_recordin
     hides = beside(asked.model, friction, settings, DRAG, known)
     bench = asked.bench(known, ())
     shape = np.stack([multisine(asked.t, 1.0, 0.3, 2.0, np.random.default_rng(5))], axis=1)
-    attempt = tried(bench, known.rivals, Wave("one", shape), hides)
+    attempt = tried(bench, Wave("one", shape), hides)
     d = hides.missed(bench, attempt.states[0], attempt.readings[0], attempt.u) * bench.excess
-    spring, gain = hides.names.index("spring at the rail"), hides.names.index("the gain of u")
+    spring, gain = list(hides.columns).index(("spring", "rail")), list(hides.columns).index(("input_gain", "u"))
     # the same by SciPy: the old recording and the new one moved with the hidden spring, the gain and the friction free
     (trace,) = friction.traces
     b = float(known.rivals[0].theta[known.rivals[0].slots[0]])

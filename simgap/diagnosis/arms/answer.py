@@ -9,10 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.diagnosis.arms.fit import residual
-from simgap.diagnosis.arms.gains import Gains, scaled
+from simgap.diagnosis.arms.fit import Gains, residual, scaled
 from simgap.diagnosis.arms.inertia import BaseParameters, Consistent
-from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, TERMS, ArmFolds, Key, Part, Payload
+from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, ArmFolds, Key, Part, Payload
 from simgap.diagnosis.result import Estimate, FoundEffect, RecordingFault, Verdict, WindowPrediction
 from simgap.diagnosis.thresholds import FIT_QUALITY, SURE
 from simgap.diagnosis.verdict.score import Errors, Gain, gained
@@ -127,13 +126,19 @@ class Found:
     silent: tuple[int, ...]
     said: tuple[str, ...]
 
+    @property
+    def dry(self) -> Floats:
+        """(n,) dry friction of each joint."""
+        own = {self.keys[k].joint: self.used[k] for k in self.active if self.keys[k].effect == "coulomb_friction"}
+        return np.array([own.get(j, 0.0) for j in range(len(self.noise))])
+
     def corrected(self, part: Part) -> Part:
         """Rows as the corrected drives say them."""
         return part if self.drives is None else scaled(part, self.drives.g, self.shared)
 
-    def estimate(self, k: int, unit: str, declared: float = 0.0, joint: int | None = None) -> Estimate:
-        """A coefficient, with what was declared, and its 95 % interval; of a `joint` alone: over its drive's gain."""
-        at = self.theta if self.keys[k].effect == INERTIAL else self.used
+    def estimate(self, k: int, unit: str, declared: float = 0.0) -> Estimate:
+        """A coefficient, with what was declared, and its 95 % interval; of a joint alone: over its drive's gain."""
+        at, joint = self.theta if self.keys[k].effect == INERTIAL else self.used, self.keys[k].joint
         value, error = declared + float(at[k]), float(self.errors[k])
         if joint is not None and self.drives is not None:
             g = float(self.drives.g[joint])
@@ -146,53 +151,42 @@ def answer(
     payloads: Sequence[Payload], cut_hz: float,
 ) -> ArmDiagnosis:  # fmt: skip
     """Put it together; here alone *confirm* is looked at."""
-    zero = np.zeros_like(found.used)
-    confirm = found.corrected(folds.confirm)
-    before, after = rms(folds.confirm, zero), rms(confirm, found.used)
+    part, after = folds.confirm, residual(found.corrected(folds.confirm), found.used)
+    held = np.sign(after) * np.maximum(np.abs(after) - found.dry, 0.0)
+    left = {"before": part.y, "after": after, "after_beyond_friction": np.where(part.live > 0.0, after, held)}
     heard = [j for j in range(tree.size) if j not in found.silent]
-    errors = before[heard], after[heard], found.noise[heard]
-    share = excess_share(*errors)
-    scored = (_scored(part, theta, found, heard) for part, theta in ((folds.confirm, zero), (confirm, found.used)))
-    gain = gained(*(each.density() for each in scored)) if heard else Gain(0.0, math.inf)
+    errors = rms(part.y)[heard], rms(after)[heard], found.noise[heard]
+    gain = gained(*(_density(own[:, heard], part, found, heard) for own in (part.y, after)))
     base = _base(tree, found)
-    effects = (*_gains(found, inputs), *_terms(found, tree, inputs, units), *_links(base))
+    effects = (*_gains(found, inputs), *_terms(found, tree, units), *_links(base))
     word = verdict(*errors, gain, bool(effects))
+    effects = effects if word in ("attributed", "partial") else ()
+    kept = [e for e in effects if e.name != INERTIAL]
     rows = (folds.fit.live.sum(axis=0) + folds.choose.live.sum(axis=0)) / found.correlated
 
     def by_input(x: Floats) -> dict[str, float]:
         return dict(zip(inputs, map(float, x), strict=True))
 
-    stuck = np.zeros(tree.size)
-    for k in found.active:
-        if found.keys[k].effect == "coulomb_friction":
-            stuck[tree.joints.index(found.keys[k].on)] = found.used[k]
-    by_trace = {
-        names[k]: {
-            "before": by_input(rms(folds.confirm, zero, k)),
-            "after": by_input(rms(confirm, found.used, k)),
-            "after_beyond_friction": by_input(rms(confirm, found.used, k, stuck)),
-        }
-        for k in np.unique(folds.confirm.trace)
-    }
-    effects = effects if word in ("attributed", "partial") else ()
-    kept = [e for e in effects if e.name != INERTIAL]
     return ArmDiagnosis(
         verdict=word,
         effects=effects,
         applied=tuple(AppliedEffect(e.name, e.on, {s: p.value for s, p in e.parameters.items()}) for e in kept),
         base=base,
         payloads=_payloads(found, payloads),
-        before=by_input(before),
-        after=by_input(after),
+        before=by_input(rms(part.y)),
+        after=by_input(rms(after)),
         floor=by_input(found.noise),
-        by_trace=by_trace,
-        excess_share=share,
+        by_trace={
+            names[k]: {which: by_input(rms(own[part.trace == k])) for which, own in left.items()}
+            for k in np.unique(part.trace)
+        },
+        excess_share=excess_share(*errors),
         explained_error=gain.share if word == "partial" else None,
         folds=folds.traces,
         sought=_sought(found),
         cut_hz=cut_hz,
         independent=by_input(rows),
-        predictions=_predictions(folds.confirm, confirm, found.used, names),
+        predictions=_predictions(part, part.torque - part.y, part.torque - after, names),
         recording=found.recording,
         warnings=_warnings(folds, found),
         inertial={} if found.bodies is None else dict(zip(tree.links, found.bodies.inertial, strict=True)),
@@ -200,18 +194,9 @@ def answer(
     )
 
 
-def rms(part: Part, theta: Floats, trace: int | None = None, held: Floats | None = None) -> Floats:
-    """(n,) RMS error of each joint's torque, of one trace or of all rows.
-
-    Args:
-        held: (n,) dry friction, up to which a joint at rest may be held by any torque: only what is beyond it counts
-            there. None: all of it counts, as if nothing stuck.
-    """
-    left = residual(part, theta)
-    if held is not None:
-        left = np.where(part.live > 0.0, left, np.sign(left) * np.maximum(np.abs(left) - held, 0.0))
-    own = np.ones(len(left), dtype=bool) if trace is None else part.trace == trace
-    return np.sqrt(np.mean(left[own] ** 2, axis=0))
+def rms(left: Floats) -> Floats:
+    """(n,) RMS error of each joint's torque over rows (R, n)."""
+    return np.asarray(np.sqrt(np.mean(left**2, axis=0)))
 
 
 def excess_share(before: Floats, after: Floats, floor: Floats) -> float:
@@ -221,12 +206,14 @@ def excess_share(before: Floats, after: Floats, floor: Floats) -> float:
     return float(np.sqrt((new / scale).sum() / max(float((old / scale).sum()), 1e-300)))
 
 
-def _scored(part: Part, theta: Floats, found: Found, heard: Sequence[int]) -> Errors:
-    """What is left of torques that say something, over their noise, in blocks that hardly remember each other."""
-    size = residual(part, theta)[:, heard] / np.maximum(found.noise[heard], 1e-300)
+def _density(left: Floats, part: Part, found: Found, heard: Sequence[int]) -> Floats:
+    """Log density (b,) of errors (R, heard) over their noise, in blocks that hardly remember each other."""
+    if not heard:
+        return np.zeros(0)
+    size = left / np.maximum(found.noise[heard], 1e-300)
     row, length = np.arange(len(size)) - np.searchsorted(part.trace, part.trace), 2.0 * found.correlated[heard].max()
     place = np.stack([part.trace, row // length], axis=1)
-    return Errors(size, np.unique(place, axis=0, return_inverse=True)[1].ravel())
+    return Errors(size, np.unique(place, axis=0, return_inverse=True)[1].ravel()).density()
 
 
 def verdict(before: Floats, after: Floats, floor: Floats, gain: Gain, something: bool) -> Verdict:
@@ -255,17 +242,15 @@ def _gains(found: Found, inputs: Sequence[str]) -> list[FoundEffect]:
     return out
 
 
-def _terms(found: Found, tree: Tree, inputs: Sequence[str], units: Mapping[str, str]) -> list[FoundEffect]:
+def _terms(found: Found, tree: Tree, units: Mapping[str, str]) -> list[FoundEffect]:
+    """Terms of joints, in the units of their forces."""
     out = []
-    for k in sorted(k for k in found.active if found.keys[k].effect in TERMS and found.used[k] != 0.0):
+    for k in sorted(found.active):
         key = found.keys[k]
-        joint = tree.joints[inputs.index(key.on)] if key.on in inputs else key.on
-        (p,) = effect(key.effect).parameters
-        position = "m" if tree.slides[tree.joints.index(joint)] else "rad"
-        unit = p.unit.format(force=units[joint], position=position, input=units[joint])
-        out.append(
-            FoundEffect(key.effect, key.on, {key.symbol: found.estimate(k, unit, joint=tree.joints.index(joint))})
-        )
+        if key.joint is not None and found.used[k] != 0.0:
+            (p,), force = effect(key.effect).parameters, units[tree.joints[key.joint]]
+            unit = p.unit.format(force=force, position="m" if tree.slides[key.joint] else "rad", input=force)
+            out.append(FoundEffect(key.effect, key.on, {key.symbol: found.estimate(k, unit)}))
     return out
 
 
@@ -302,7 +287,7 @@ def _payloads(found: Found, payloads: Sequence[Payload]) -> tuple[FoundPayload, 
 def _sought(found: Found) -> tuple[Sought, ...]:
     rows = []
     for k, key in enumerate(found.keys):
-        if key.effect in TERMS:
+        if key.joint is not None:
             gain = found.gains.get(k)
             taken = k in found.active and found.used[k] != 0.0
             why = "" if taken else "improves too little on choose, has the wrong sign, or is covered by others"
@@ -310,15 +295,14 @@ def _sought(found: Found) -> tuple[Sought, ...]:
     return tuple(rows)
 
 
-def _predictions(confirm: Part, corrected: Part, theta: Floats, names: Sequence[str]) -> tuple[WindowPrediction, ...]:
+def _predictions(part: Part, before: Floats, after: Floats, names: Sequence[str]) -> tuple[WindowPrediction, ...]:
+    """Torques (R, n) as measured and as both models have them, a trace each."""
     out = []
-    for k in np.unique(confirm.trace):
-        rows = confirm.trace == k
-        measured = confirm.torque[rows]
-        before, after = measured - confirm.y[rows], measured - residual(corrected, theta)[rows]
-        none = np.zeros((len(measured), 0))
-        own = (measured, before, after, none, none, np.ones_like(measured))
-        out.append(WindowPrediction(names[k], True, confirm.t[rows], *own))
+    for k in np.unique(part.trace):
+        rows = part.trace == k
+        measured, none = part.torque[rows], np.zeros((np.count_nonzero(rows), 0))
+        own = (measured, before[rows], after[rows], none, none, np.ones_like(measured))
+        out.append(WindowPrediction(names[k], True, part.t[rows], *own))
     return tuple(out)
 
 

@@ -1,31 +1,44 @@
-"""Weighted least squares of an arm's torques with honest intervals, and the columns that explain them.
+"""Weighted least squares of an arm's torques with honest intervals, the columns that explain them, and drive gains.
 
 Columns are chosen joint by joint on data that they were not fitted to: forward selection by BIC on *choose* of
 coefficients fitted to *fit*, with the inertial parameters as declared and with all their combinations free; the limit
 on the number of terms is each joint's own.
+
+Gains and masses that are all larger by one factor move an arm alike; a known mass sets the scale, and what several
+joints feel ties their gains together. Source: Gautier, Briot (2014), J. Dynamic Systems, Measurement, and Control
+136(5). There currents are regressors and their noise biases the gains; here they are what is predicted:
+
+    u_j = g_j (d_j + X_s theta_s) + X_f theta_f,    g_j = declared gain over the true one,
+
+d the torque of the declared bodies and of the known mass, X_s columns that joints share (inertial parameters, the rest
+of the payload), X_f those of the joint alone (friction, in units of the declared gain). Gauss-Newton from g = 1.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.diagnosis.arms.inertia import BaseParameters, Consistent, consistent
 from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, TERMS, Key, Part
 from simgap.diagnosis.record.noise import samples_as_one
 from simgap.diagnosis.simulation.sensitivity import inverted
-from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN
+from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, MOST, SURE
 from simgap.effects import effect
+from simgap.model.tree import Tree
 
+Found = TypeVar("Found")
 _OWN = 1e-3  # a term of which less (of its norm) is not what others do is not sought beside them
 EXPECTED = ("viscous_friction", "coulomb_friction")
 """What every drive with a gear has."""
 
 
 def solve(gram: Floats, right: Floats, active: Sequence[int]) -> Floats:
-    """Least squares over the active columns alone, (p,); directions that the data do not show stay 0."""
+    """Coefficients of least squares over the active columns alone, (p,); directions not in the data stay 0."""
     theta, own = np.zeros(len(right)), np.array(active, dtype=np.int64)
     if len(own):
         theta[own] = inverted(gram[np.ix_(own, own)]) @ right[own]
@@ -84,49 +97,98 @@ class Choice:
     gains: dict[int, float]
 
 
-def choose(
-    keys: Sequence[Key], fit: Part, judge: Part, weights: Floats, together: Floats, most: int, joints: int
-) -> Choice:
+def choose(keys: Sequence[Key], fit: Part, judge: Part, weights: Floats, together: Floats, most: int) -> Choice:
     """The better of two selections: inertial parameters as declared, and free."""
     gram, right = fit.grams(weights)
-    inertial = tuple(k for k, key in enumerate(keys) if key.effect == INERTIAL)
-    payload = tuple(k for k, key in enumerate(keys) if key.effect == PAYLOAD)
-    first = len(inertial)
-    per_joint = [range(first + j * len(TERMS), first + (j + 1) * len(TERMS)) for j in range(joints)]
+    inertial, payload = (tuple(k for k, key in enumerate(keys) if key.effect == e) for e in (INERTIAL, PAYLOAD))
     declared, free = (
-        forward(keys, gram, right, judge, together, given, per_joint, most)
-        for given in (payload, (*inertial, *payload))
+        forward(keys, gram, right, judge, together, given, most) for given in (payload, (*inertial, *payload))
     )
     return free if free.bic < declared.bic - BIC_GAIN else declared
 
 
 def forward(
-    keys: Sequence[Key], gram: Floats, right: Floats, judge: Part, together: Floats, given: tuple[int, ...],
-    per_joint: Sequence[Sequence[int]], most: int,
-) -> Choice:  # fmt: skip
-    """Terms join the given columns one by one, the one that lowers BIC on *choose* most first."""
+    keys: Sequence[Key], gram: Floats, right: Floats, judge: Part, together: Floats, given: tuple[int, ...], most: int
+) -> Choice:
+    """Terms join the given columns one by one, the one that lowers BIC on *choose* most first; `most` of a joint."""
     active, gains = given, dict[int, float]()
     bic = _bic(gram, right, judge, together, active)
     while True:
         best: tuple[float, int] | None = None
-        for own in per_joint:
-            if sum(k in active for k in own) >= most:
+        taken = [keys[k].joint for k in active]
+        full = {None, *(j for j in taken if taken.count(j) >= most)}
+        for k, key in enumerate(keys):
+            if key.joint in full or k in active or not _own_direction(gram, active, k):
                 continue
-            for k in own:
-                if k in active or not _own_direction(gram, active, k):
-                    continue
-                trial = (*active, k)
-                theta = solve(gram, right, trial)
-                if not all(admissible(keys[i], float(theta[i])) for i in trial):
-                    continue
-                value = _bic(gram, right, judge, together, trial)
-                enough = AS_GOOD if keys[k].effect in EXPECTED else BIC_GAIN
-                if bic - value > enough and (best is None or value < best[0]):
-                    best = value, k
+            trial = (*active, k)
+            theta = solve(gram, right, trial)
+            if not all(admissible(keys[i], float(theta[i])) for i in trial):
+                continue
+            value = _bic(gram, right, judge, together, trial)
+            enough = AS_GOOD if key.effect in EXPECTED else BIC_GAIN
+            if bic - value > enough and (best is None or value < best[0]):
+                best = value, k
         if best is None:
             return Choice(active, bic, gains)
         gains[best[1]] = bic - best[0]
         bic, active = best[0], (*active, best[1])
+
+
+def one_by_one(
+    members: Sequence[int], fitted: Callable[[Sequence[int]], tuple[Found, dict[int, float]]]
+) -> tuple[tuple[int, ...], Found]:
+    """Members of which none is in doubt, and what was fitted to them: the most doubtful goes, the rest is fitted again.
+
+    Args:
+        fitted: of some members what they give, and how sure each is that is in doubt, in standard errors.
+    """
+    left = tuple(members)
+    while True:
+        found, doubtful = fitted(left)
+        if not doubtful:
+            return left, found
+        left = tuple(k for k in left if k != min(doubtful, key=lambda k: doubtful[k]))
+
+
+def doubted(
+    members: Sequence[int], values: Floats, errors: Floats, keys: Sequence[Key] | None = None
+) -> dict[int, float]:
+    """Members whose 95 % interval holds 0, and how many standard errors they are from 0.
+
+    Args:
+        keys: of columns: then terms alone, those of the wrong sign among them.
+    """
+    return {
+        k: abs(values[k]) / max(errors[k], 1e-300)
+        for k in members
+        if (keys is None or keys[k].effect in TERMS)
+        and (abs(values[k]) <= SURE * errors[k] or not (keys is None or admissible(keys[k], values[k])))
+    }
+
+
+def weights_of(part: Part, size: int) -> tuple[Floats, Floats]:
+    """(n,) one over the spread that every column together leaves, and rows that count as one there."""
+    weights = 1.0 / np.maximum(spread(part, np.zeros(size)), 1e-12)
+    theta = np.zeros(size)
+    for _ in range(3):
+        theta = solve(*part.grams(weights), range(size))
+        weights = 1.0 / np.maximum(spread(part, theta), 1e-12)
+    return weights, correlation_rows(part, theta)
+
+
+def settled(
+    keys: Sequence[Key], known: Part, weights: Floats, active: tuple[int, ...]
+) -> tuple[tuple[int, ...], Floats, Floats]:
+    """Coefficients on fit and choose; terms whose 95 % interval holds 0, or of the wrong sign, go one by one."""
+    gram, right = known.grams(weights)
+
+    def fitted(some: Sequence[int]) -> tuple[tuple[Floats, Floats], dict[int, float]]:
+        theta = solve(gram, right, some)
+        errors = standard_errors(known, theta, some, weights, correlation_rows(known, theta))
+        return (theta, errors), doubted(some, theta, errors, keys)
+
+    kept, (theta, errors) = one_by_one(active, fitted)
+    return kept, theta, errors
 
 
 def admissible(key: Key, value: float) -> bool:
@@ -154,3 +216,163 @@ def _own_direction(gram: Floats, active: tuple[int, ...], k: int) -> bool:
         return True
     cross = gram[own, k]
     return float(1.0 - cross @ inverted(gram[np.ix_(own, own)]) @ cross / gram[k, k]) > _OWN**2
+
+
+GAIN = "input_gain"
+SAID = (
+    "The gains are relative to the declared masses: if all of these were off by one factor, other gains would fit; a "
+    "payload of known mass decides (measured.payloads, mass)."
+)
+
+
+def lone_gains(
+    keys: Sequence[Key], inputs: Sequence[str], fit: Part, judge: Part, weights: Floats, together: Floats, most: int,
+    bic: float,
+) -> Floats | None:  # fmt: skip
+    """(n,) g of each drive, declared over true, 1 where it is as declared; None if no gain explains *choose* better.
+
+    Args:
+        bic: of what was chosen without gains.
+    """
+    wider = [*keys, *(Key(GAIN, name, "ratio", j) for j, name in enumerate(inputs))]
+    fitted, judged = (replace(p, x=np.concatenate([p.x, _for_gains(p.torque - p.y)], axis=2)) for p in (fit, judge))
+    given = tuple(k for k, key in enumerate(keys) if key.effect == PAYLOAD)
+    gram, right = fitted.grams(weights)
+    chosen = forward(wider, gram, right, judged, together, given, most)
+    g = 1.0 + solve(gram, right, chosen.active)[len(keys) :]
+    off = int(np.sum(g != 1.0))
+    if chosen.bic >= bic - BIC_GAIN or not 0 < off <= MOST * len(inputs) or not np.all(g > 0.0):
+        return None
+    return np.asarray(g)
+
+
+def _for_gains(bodies: Floats) -> Floats:
+    """A column for each drive, (R, n, n): the torque that bodies ask for there, (R, n)."""
+    return np.asarray(bodies[:, :, None] * np.eye(bodies.shape[1]))
+
+
+_ROUNDS = 30
+_SETTLED = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Gains:
+    """(n,) g and its standard errors; (p,) standard errors of the columns beside it."""
+
+    g: Floats
+    errors: Floats
+    of_columns: Floats
+
+
+def scaled(part: Part, g: Floats, shared: Sequence[int]) -> Part:
+    """The same rows with these gains: what is left of them, and the columns that joints share, as the currents say."""
+    x = part.x.copy()
+    x[:, :, shared] *= g[None, :, None]
+    return replace(part, x=x, y=part.torque - g * (part.torque - part.y))
+
+
+def gains(
+    part: Part, active: Sequence[int], shared: Sequence[int], theta: Floats, weights: Floats, correlated: Floats,
+    among: Sequence[int],
+) -> Gains | None:  # fmt: skip
+    """Gains beside the active columns; those whose 95 % interval holds 1 are as declared. None if it does not settle.
+
+    Args:
+        shared: active columns that several joints feel.
+        theta: (p,) where to begin, gains 1.
+        among: joints whose gains may differ.
+    """
+
+    def fitted(open_: Sequence[int]) -> tuple[Gains | None, dict[int, float]]:
+        found = _gains_beside(part, active, shared, theta, weights, correlated, open_) if open_ else None
+        return found, {} if found is None else doubted(open_, found.g - 1.0, found.errors)
+
+    return one_by_one(among, fitted)[1]
+
+
+def open_gains(part: Part, shared: Sequence[int], weights: Floats, correlated: Floats) -> Floats:
+    """(n,) gains beside every column at once, to begin from; ones if they do not settle."""
+    size, n = part.x.shape[2], part.y.shape[1]
+    found = _gains_beside(part, range(size), shared, np.zeros(size), weights, correlated, range(n))
+    return np.ones(n) if found is None else found.g
+
+
+def _gains_beside(
+    part: Part, active: Sequence[int], shared: Sequence[int], theta: Floats, weights: Floats, correlated: Floats,
+    open_: Sequence[int],
+) -> Gains | None:  # fmt: skip
+    """Gauss-Newton over the open gains and the active columns."""
+    n, size = part.y.shape[1], len(theta)
+    free = [*open_, *(n + k for k in active)]
+    g, at = np.ones(n), theta.copy()
+    for _ in range(_ROUNDS):
+        rows = scaled(part, g, shared)  # what is left of them, with a column for each gain in front of the others
+        columns = _for_gains(part.torque - part.y + part.x[:, :, shared] @ at[shared])
+        rows = replace(rows, x=np.concatenate([columns, rows.x], axis=2), y=rows.y - rows.x @ at)
+        gram, right = rows.grams(weights)
+        step = solve(gram, right, free)
+        g, at = g + step[:n], at + step[n:]
+        if not np.all(g > 0.0):
+            return None
+        if np.abs(step[:n]).max() < _SETTLED:
+            left = replace(rows, y=rows.y - rows.x @ step)
+            errors = standard_errors(left, np.zeros(n + size), free, weights, correlated)
+            return Gains(g, errors[:n], errors[n:])
+    return None
+
+
+def chosen_columns(
+    keys: Sequence[Key], inputs: Sequence[str], fit: Part, judge: Part, shared: Sequence[int], weighed: bool, most: int
+) -> tuple[Choice, Floats, Floats, Gains | None]:
+    """Columns with weights and correlations of the joints, and drive gains where these explain *choose* better.
+
+    Gains come first: with wrong ones no choice among the rest is right. Where other bodies stand beside them nothing
+    tells the one from the other but a known mass, and what was chosen without gains stays.
+    """
+    weights, correlated = weights_of(fit, len(keys))
+    g: Floats | None
+    if weighed:
+        g = open_gains(fit, shared, weights, correlated)
+    else:
+        chosen = choose(keys, fit, judge, weights, correlated, most)
+        g = lone_gains(keys, inputs, fit, judge, weights, correlated, most, chosen.bic)
+        if g is None:
+            return chosen, weights, correlated, None
+    known, fit, judge = fit.beside(judge), scaled(fit, g, shared), scaled(judge, g, shared)
+    scales, drives = weights_of(fit, len(keys)), None
+    right = choose(keys, fit, judge, *scales, most)
+    if weighed or not any(keys[k].effect == INERTIAL for k in right.active):
+        active, theta, _ = settled(keys, fit.beside(judge), scales[0], right.active)
+        right = replace(right, active=active)
+        among = [j for j in range(len(inputs)) if weighed or g[j] != 1.0]
+        drives = gains(known, active, [k for k in active if k in shared], theta, *scales, among)
+    return (right, *scales, drives) if weighed or drives is not None else (chosen, weights, correlated, None)
+
+
+def as_bodies(
+    tree: Tree, base: BaseParameters, keys: Sequence[Key], known: Part, weights: Floats, correlated: Floats,
+    active: tuple[int, ...], theta: Floats, errors: Floats,
+) -> tuple[Floats, Consistent | None]:  # fmt: skip
+    """Coefficients with inertial parameters that bodies can have, the rest fitted again beside them.
+
+    A term that is of the wrong sign there, or whose 95 % interval holds 0 there, goes: `settled` dropped the others.
+    """
+    size = len(base.kept)
+    if not set(range(size)) <= set(active):
+        return theta, None
+    gram, right = known.grams(weights)
+    rest = [k for k in active if k >= size]
+    across = gram[:size][:, rest]
+    information = gram[:size, :size] - across @ np.linalg.pinv(gram[np.ix_(rest, rest)], hermitian=True) @ across.T
+    declared = base.combine @ tree.inertial.ravel()
+    bodies = consistent(tree, base, declared + theta[:size], information / float(correlated.mean()))
+    if bodies is None:
+        return theta, None
+    own = np.zeros(len(keys))
+    own[:size] = base.combine @ bodies.inertial.ravel() - declared
+
+    def fitted(some: Sequence[int]) -> tuple[Floats, dict[int, float]]:
+        used = own + solve(gram, right - gram @ own, some)
+        return used, doubted(some, used, errors, keys)
+
+    return one_by_one(rest, fitted)[1], bodies

@@ -177,8 +177,7 @@ class Folds:
 
 def needed_ahead(record: Record, window_s: float, horizon_s: float) -> float:
     """What a prediction needs in one piece, s: the horizon, and half a window or as many samples as begin it."""
-    interval = float(np.median(np.concatenate([np.diff(trace.t) for trace in record.traces])))
-    return horizon_s + max(0.5 * window_s, (LOOK_BACK_SAMPLES + 1) * interval)
+    return horizon_s + max(0.5 * window_s, (LOOK_BACK_SAMPLES + 1) * record.interval)
 
 
 def cut_in_folds(

@@ -76,6 +76,11 @@ class Record:
         """Samples of all traces together."""
         return sum(len(trace.t) for trace in self.traces)
 
+    @property
+    def interval(self) -> float:
+        """Median interval of the stamps, s."""
+        return float(np.median(np.concatenate([np.diff(trace.t) for trace in self.traces])))
+
 
 def runs(flags: Bools) -> list[tuple[int, int]]:
     """Runs of True as half-open index ranges."""

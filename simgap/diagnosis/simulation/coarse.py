@@ -55,8 +55,7 @@ def coarse(problem: Problem, rows: int = SEARCH_ROWS, together: int = 1) -> Prob
 def _block(problem: Problem) -> int:
     """Samples in a block: odd, so that one of them is its middle."""
     lengths = problem.windows.stop - problem.windows.start
-    k = int(np.median(lengths)) // SAMPLES_A_WINDOW if len(lengths) else 1
-    return _odd(k)
+    return _odd(int(np.median(lengths)) // SAMPLES_A_WINDOW if len(lengths) else 1)
 
 
 def _odd(k: int) -> int:
@@ -75,7 +74,7 @@ def _moved(problem: Problem, k: int) -> float:
 def _held(problem: Problem, k: int) -> Floats:
     """Inputs at their means over blocks of k samples, (n, m)."""
     out = np.empty_like(problem.u)
-    for a, b in itertools.pairwise([*problem.firsts.tolist(), len(problem.t)]):
+    for a, b in itertools.pairwise(problem.edges.tolist()):
         means, starts = _means(problem.t[a:b], problem.u[a:b], k)
         out[a:b] = np.repeat(means, np.diff([*starts.tolist(), b - a]), axis=0)
     return out
@@ -108,8 +107,7 @@ def _bias(problem: Problem, k: int) -> float:
 def _blocks(problem: Problem, k: int) -> Problem:
     """Blocks of k samples around every k-th one of each trace."""
     mean = _bias(problem, k) <= _BIAS / np.sqrt(k)
-    ends = [*problem.firsts[1:].tolist(), len(problem.t)]
-    parts = [_thinned(problem, int(a), b, k, mean) for a, b in zip(problem.firsts, ends, strict=True)]
+    parts = [_thinned(problem, a, b, k, mean) for a, b in itertools.pairwise(problem.edges.tolist())]
     lengths = [len(part[0]) for part in parts]
     firsts = np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64)
     t, y, u, weight, used = (np.ascontiguousarray(np.concatenate([part[j] for part in parts])) for j in range(5))

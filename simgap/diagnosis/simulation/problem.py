@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import defaultdict
 from collections.abc import Callable
@@ -16,10 +17,9 @@ from simgap.diagnosis.record.folds import Windows, left_out, past_the_unknown
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.simulation.colour import Colour, whiten
 from simgap.diagnosis.simulation.gross_errors import limited
-from simgap.diagnosis.simulation.past import measured_link, measured_speeds, memories
+from simgap.diagnosis.simulation.past import measured_link, measured_speeds, memories, twists, twists_by_torque
 from simgap.diagnosis.simulation.simulate import simulate
 from simgap.diagnosis.simulation.supermodel import SuperModel
-from simgap.diagnosis.simulation.trains import twists, twists_by_torque
 from simgap.diagnosis.thresholds import BRIEF_S
 from simgap.late import njit
 
@@ -107,8 +107,7 @@ class Problem:
         """The same problem without the last `late_s` of each trace, where what acted was logged after its end."""
         if late_s <= 0.0:
             return self
-        last = np.append(self.firsts[1:], len(self.t)) - 1
-        ends = dict(zip(self.firsts.tolist(), self.t[last].tolist(), strict=True))
+        ends = dict(zip(self.firsts.tolist(), self.t[self.edges[1:] - 1].tolist(), strict=True))
         traces = set(zip(self.windows.trace.tolist(), self.windows.first.tolist(), strict=True))
         spans = tuple((k, ends[f] - late_s, math.inf) for k, f in sorted(traces))
         return self.on(left_out(self.windows, self.t, spans))
@@ -123,6 +122,11 @@ class Problem:
         """So many windows spread over all, and which they are."""
         few = np.unique(np.linspace(0, len(self.windows) - 1, count).astype(np.int64))
         return self.on(self.windows.pick(few)), few
+
+    @cached_property
+    def edges(self) -> Ints:
+        """(traces + 1,) first sample of each trace, and their number."""
+        return np.append(self.firsts, len(self.t))
 
     @property
     def brief(self) -> float:
@@ -248,7 +252,7 @@ class Problem:
         """The sum of some inputs as the plant feels it at each stamp, (n,)."""
         level, excess, delay, lag = self._drive(theta)
         total = np.zeros(len(self.t))
-        begin = np.repeat(self.firsts, np.diff([*self.firsts, len(self.t)]))
+        begin = np.repeat(self.firsts, np.diff(self.edges))
         for c in inputs:
             at = np.maximum(np.searchsorted(self.t, self.t - delay[c] + 1e-12, "right") - 1, begin)
             if delay[c] == 0.0:
@@ -319,11 +323,10 @@ class Problem:
 
     def _bring_forward(self, level: Floats, delay: Floats) -> None:
         """Delays (m,) below zero become whole samples by which an input (n, m) is brought forward, and a rest >= 0."""
-        ends = np.append(self.firsts[1:], len(self.t))
         for c in np.flatnonzero(delay < 0.0):
             ahead = int(np.ceil(-delay[c] / self.spacing - 1e-9))
             delay[c] += ahead * self.spacing
-            for a, b in zip(self.firsts, ends, strict=True):
+            for a, b in itertools.pairwise(self.edges):
                 level[a:b, c] = level[np.minimum(np.arange(a, b) + ahead, b - 1), c]
 
 

@@ -14,7 +14,7 @@ from numba import types, void
 from simgap.arrays import Floats, Ints
 from simgap.diagnosis.record.faults.measurement import ReadingFault, is_fault, possible
 from simgap.diagnosis.simulation.dynamics import Costly, Dynamics, compile_dynamics, is_costly
-from simgap.diagnosis.simulation.trains import Train, beside_motors, trains_of
+from simgap.diagnosis.simulation.past import Train, beside_motors, trains_of
 from simgap.effects import EFFECTS, Effect, EffectParameter, StaticInputEffect
 from simgap.effects.base import CoordinateEffect, MemoryForceEffect
 from simgap.effects.commands import InputEffect, MemoryInputEffect

@@ -171,7 +171,7 @@ class Question:
         windows, tells = windows_to_come(self.record, self.settings, t)
         names, readings = self.record.measured, worth(self.record)
         return Bench(
-            problem.model, np.array([self.noise[n] for n in names]), t, windows, tells,
+            problem.model, known.rivals, np.array([self.noise[n] for n in names]), t, windows, tells,
             min(problem.h_max, float(t[1] - t[0])), self.start, self.allowed, self.middle, self.reach, held,
             known.excess, problem.size, readings.steps, readings.shared,
         )  # fmt: skip
@@ -179,14 +179,13 @@ class Question:
 
 @dataclass(frozen=True, eq=False)
 class Advice:
-    """The best input, the explanations that it is to tell apart, and what else would help where it does not.
+    """The best input with its bench, the explanations that it is to tell apart, and what else would help.
 
     `longest`: the best one of the whole length, where a shorter one is enough.
     """
 
     known: KnownRivals
     proposal: InputProposal
-    bench: Bench
     remedy: Remedy | None
     longest: InputProposal | None = None
 
@@ -197,40 +196,36 @@ def ask(question: Question, rng: np.random.Generator, tell: Callable[[str], None
     known = question.fitted()
     several = len(known.rivals) > 1
     hidden = beside(question.model, question.record, question.settings, question.sets[0], known) if several else None
-    benches = [question.bench(known, row) for row in question.conditions]
-    proposal = propose(benches, known.rivals, rng, tell, beside=hidden)
-    bench, longest = benches[proposal.bench], None
+    proposal = propose([question.bench(known, row) for row in question.conditions], rng, tell, beside=hidden)
+    longest = None
     if question.brief and hidden is not None and proposal.best is not None and proposal.sure >= CONFIDENCE:
         tell("looking for the shortest recording that is enough")
         less = _shorter(question, known, proposal, hidden, rng, tell)
         if less is not None:
-            longest, (proposal, bench) = proposal, less
+            longest, proposal = proposal, less
     remedy = None
     open_ = proposal.sure < WANTED or proposal.alike()
     if several and proposal.best is not None and open_:
         tell("no input is enough: looking for a weight or a sensor that is")
         asked = {k for pair in proposal.alike() for k in pair} or set(range(len(known.rivals)))
-        left = replace(question, t=bench.t, sets=tuple(s for k, s in enumerate(question.sets) if k in asked))
+        left = replace(question, t=proposal.bench.t, sets=tuple(s for k, s in enumerate(question.sets) if k in asked))
         remedy = best_remedy(_remedies(left, proposal.best.u, rng), ENOUGH)
-    return Advice(known, proposal, bench, remedy, longest)
-
-
-_Found = tuple[InputProposal, Bench]
+    return Advice(known, proposal, remedy, longest)
 
 
 def _shorter(
     question: Question, known: KnownRivals, whole: InputProposal, hidden: Beside, rng: np.random.Generator,
     tell: Callable[[str], None],
-) -> _Found | None:  # fmt: skip
-    """The shortest recording that is enough, and its bench; None if only the whole one is."""
+) -> InputProposal | None:  # fmt: skip
+    """The shortest recording that is enough; None if only the whole one is."""
 
-    def at(count: int) -> _Found | None:
+    def at(count: int) -> InputProposal | None:
         if not as_usable(question.record, question.settings, question.t, count):
             return None
         benches = [question.bench(known, row, count) for row in question.conditions]
-        found = propose(benches, known.rivals, rng, tell, beside=hidden, counted=whole.counted)
+        found = propose(benches, rng, tell, beside=hidden, counted=whole.counted)
         enough = found.best is not None and found.sure >= CONFIDENCE and found.shown >= AS_MUCH * whole.shown
-        return (found, benches[found.bench]) if enough else None
+        return found if enough else None
 
     return shortest(len(question.t), halves(len(question.t)), at)
 
@@ -261,7 +256,7 @@ def _set(question: Question, name: str, value: float, rng: np.random.Generator) 
         question, model=model, record=record, sets=sets, conditions=((*question.conditions[0][:own], value),)
     )
     known = other.fitted()
-    return propose([other.bench(known, other.conditions[0])], known.rivals, rng, few=True).of_all
+    return propose([other.bench(known, other.conditions[0])], rng, few=True).of_all
 
 
 def _read(question: Question, name: str, u: Floats, rng: np.random.Generator) -> float:
@@ -272,9 +267,9 @@ def _read(question: Question, name: str, u: Floats, rng: np.random.Generator) ->
     span = float(np.ptp(states[:, question.model.state_names.index(name)]))
     here = known.problem.model
     there = cached_supermodel(here.model, (*here.measured, name), library_names(question.sets))
+    rivals = [translated(r, s, here, there) for r, s in zip(known.rivals, question.sets, strict=True)]
     seen = replace(
-        bench, model=there, sigma=np.append(bench.sigma, UNREAD * max(span, 1e-12)),
+        bench, model=there, rivals=tuple(rivals), sigma=np.append(bench.sigma, UNREAD * max(span, 1e-12)),
         steps=np.append(bench.steps, 0.0), shared=np.append(bench.shared, 0.0),
     )  # fmt: skip
-    rivals = [translated(r, s, here, there) for r, s in zip(known.rivals, question.sets, strict=True)]
-    return propose([seen], rivals, rng, few=True).of_all
+    return propose([seen], rng, few=True).of_all

@@ -12,14 +12,14 @@ G = J^T J of the recordings at hand and of the one to come together, initial sta
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from simgap.arrays import Bools, Floats
 from simgap.diagnosis.record.record import Record
-from simgap.diagnosis.result import DiagnosisSettings
+from simgap.diagnosis.result import DiagnosisSettings, Key
 from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.search.scoring import column, list_starts, small_amplitude
 from simgap.diagnosis.simulation.coarse import coarse
@@ -28,7 +28,7 @@ from simgap.diagnosis.simulation.parts import parts_of
 from simgap.diagnosis.simulation.sensitivity import Direction, inverted, linearise, scaled, slot_direction
 from simgap.diagnosis.simulation.supermodel import SuperModel
 from simgap.diagnosis.thresholds import SELDOM
-from simgap.extras.experiment.rivals import Bench, Explained, KnownRivals, Rival, margin, margins, members, translated
+from simgap.extras.experiment.rivals import Bench, Explained, KnownRivals, margin, members, translated
 from simgap.model.symbolic import SymbolicModel
 from simgap.signals import multisine
 from simgap.statistics import norm
@@ -47,7 +47,7 @@ class Beside:
     Attributes:
         model: with every effect of the library; theta: (q,) of the answer.
         directions: of its own parameters, then of each effect; own: how many of the first.
-        columns: of each effect among the directions; names: of the effects.
+        columns: of each effect, by its name and place, among the directions.
         gram: (p, p) of the recordings at hand; size: numbers in them.
         hidden: of each effect, (columns,) what one standard error is.
     """
@@ -56,8 +56,7 @@ class Beside:
     theta: Floats
     directions: tuple[Direction, ...]
     own: int
-    columns: tuple[tuple[int, ...], ...]
-    names: tuple[str, ...]
+    columns: Mapping[Key, tuple[int, ...]]
     gram: Floats
     size: int
     hidden: tuple[Floats, ...]
@@ -66,24 +65,24 @@ class Beside:
         """(e, e + 1) D of each effect at one standard error, with another one in its place or (last) with none."""
         problem, x0 = replace(bench, model=self.model).recorded(states, readings, u)
         gram = self.gram + linearise(problem, self.theta, x0, self.directions).gram
-        count = len(self.columns)
+        effects = list(self.columns.values())
+        count = len(effects)
         out = np.full((count, count + 1), np.inf)
         own = list(range(self.own))
         for other in range(count + 1):
-            free = [*own, *(self.columns[other] if other < count else ())]
+            free = [*own, *(effects[other] if other < count else ())]
             left = gram - gram[:, free] @ inverted(gram[np.ix_(free, free)]) @ gram[free, :]
-            for e, (columns, v) in enumerate(zip(self.columns, self.hidden, strict=True)):
+            for e, (columns, v) in enumerate(zip(effects, self.hidden, strict=True)):
                 if e != other:
                     out[e, other] = max(float(v @ left[np.ix_(columns, columns)] @ v), 0.0)
         return out / bench.excess
 
     def told(self, d: Floats, bench: Bench) -> Floats:
         """(e, e + 1) probability that such an effect is told from the other, over its sizes."""
-        counts = np.array([len(c) for c in self.columns], dtype=np.float64)
-        more = counts[:, None] - np.append(counts, 0.0)[None, :]
-        log = math.log(max(self.size + bench.compared, 2))
+        counts = np.array([len(c) for c in self.columns.values()], dtype=np.float64)
+        more, count = counts[:, None] - np.append(counts, 0.0)[None, :], self.size + bench.compared
         own = ~np.isfinite(d)  # an effect is not its own rival
-        each = [np.where(own, 1.0, norm.cdf(margin(np.where(own, 1.0, s**2 * d), more, log))) for s in SIZES]
+        each = [np.where(own, 1.0, norm.cdf(margin(np.where(own, 1.0, s**2 * d), more, count))) for s in SIZES]
         return np.asarray(np.mean(each, axis=0))
 
 
@@ -98,25 +97,19 @@ def beside(
     steps = dict(zip(rival.slots, rival.steps, strict=True))
     at = fit(problem, rival.theta, initial_states(problem), rival.slots, steps, _ROUNDS)
     own = [slot_direction(problem, at.theta, k, h) for k, h in steps.items()]
-    directions, columns, names = list(own), [], []
+    directions, columns = list(own), dict[Key, tuple[int, ...]]()
     inside = {c.key for c in members(problem.model, answer)}
     starts = list_starts(problem, inside)
     for index, (c, start) in enumerate(starts.items):
-        if c.key in inside:
+        if c.key in inside or c.key in columns:
             continue
-        inside.add(c.key)
         amplitude = small_amplitude(problem, at, c, start, index, starts)
-        columns.append(tuple(range(len(directions), len(directions) + start.size)))
-        names.append(c.effect.phrase(c.on))
+        columns[c.key] = tuple(range(len(directions), len(directions) + start.size))
         directions += [column(at.theta, c, start, j, amplitude) for j in range(start.size)]
     linear = linearise(problem, at.theta, at.x0, directions)
-    seen = [k for k, c in enumerate(columns) if linear.visible[list(c)].all()]  # of others no size is at hand
-    columns, names = [columns[k] for k in seen], [names[k] for k in seen]
-    hidden = tuple(_one_error(linear.gram, len(own), c) for c in columns)
-    return Beside(
-        problem.model, at.theta, tuple(directions), len(own), tuple(columns), tuple(names), linear.gram, problem.size,
-        hidden,
-    )  # fmt: skip
+    seen = {key: c for key, c in columns.items() if linear.visible[list(c)].all()}  # of others no size is at hand
+    hidden = tuple(_one_error(linear.gram, len(own), c) for c in seen.values())
+    return Beside(problem.model, at.theta, tuple(directions), len(own), seen, linear.gram, problem.size, hidden)
 
 
 def _one_error(gram: Floats, own: int, columns: tuple[int, ...]) -> Floats:
@@ -143,12 +136,13 @@ class Try:
     """One input.
 
     Attributes:
-        name: of its family; wave: (n, m); u: (n, m + c) as the plant feels it.
+        bench: on which it was tried; name: of its family; wave: (n, m); u: (n, m + c) as the plant feels it.
         score: what is made large; d: (r, r) of `Bench.parts`, with the answer alone its standard errors (p,).
         states, readings: of each rival, (n, nx) and (n, k).
         hidden: (e, e + 1) of `Beside.told`; None where nothing is sought beside.
     """
 
+    bench: Bench
     name: str
     wave: Floats
     u: Floats
@@ -172,7 +166,7 @@ class InputProposal:
     """The best input.
 
     Attributes:
-        best: the try; bench: the place of its bench among those given.
+        best: the try; bench: its bench, the first of those given where nothing could be tried.
         tried: how many there were; left: how many would have left the range of the plant.
         sure: the least probability, over the pairs that count, that the right one is told from the other.
         shown: the share of what may hide beside the answer that the recording would show and name.
@@ -180,17 +174,18 @@ class InputProposal:
     """
 
     best: Try | None
-    bench: int
+    bench: Bench
     tried: int
     left: int
     sure: float
     shown: float
     counted: Counted
 
-    def closest(self, rivals: Sequence[Rival], bench: Bench) -> tuple[int, int]:
+    @property
+    def closest(self) -> tuple[int, int]:
         """The pair that the best input tells least surely: the right one and the other."""
         assert self.best is not None
-        z = np.where(self.counted.rivals, margins(self.best.d, rivals, bench), np.inf)
+        z = _counting(self.best, self.counted)
         a, b = np.unravel_index(int(np.argmin(z)), z.shape)
         return int(a), int(b)
 
@@ -206,74 +201,67 @@ class InputProposal:
 
 
 def propose(
-    benches: Sequence[Bench], rivals: Sequence[Rival], rng: np.random.Generator,
-    tell: Callable[[str], None] = lambda words: None, few: bool = False,
-    beside: Beside | None = None, counted: Counted | None = None,
+    benches: Sequence[Bench], rng: np.random.Generator, tell: Callable[[str], None] = lambda words: None,
+    few: bool = False, beside: Beside | None = None, counted: Counted | None = None,
 ) -> InputProposal:  # fmt: skip
     """Try every family on each bench (one for each known condition), and improve the best ones.
 
     Args:
-        rivals: two or more to be told apart, or one whose numbers are to be told better.
+        benches: with two or more rivals to be told apart, or one whose numbers are to be told better.
         few: one size of each family and no improvement.
         beside: what may hide beside the first of them.
         counted: the pairs that count; those that some input tells apart if not given.
     """
-    found: list[tuple[int, Try]] = []
+    found: list[Try] = []
     count = left = 0
-    for k, bench in enumerate(benches):
+    for bench in benches:
         for wave in _sized(bench, rng, SHARES[:1] if few else SHARES):
             count += 1
-            attempt = _fitting(bench, rivals, wave, beside)
+            attempt = _fitting(bench, wave, beside)
             if attempt is None:
                 left += 1
             else:
-                found.append((k, attempt))
+                found.append(attempt)
         tell(f"{count} inputs tried")
+    counted = counted or _told(found, len(benches[0].rivals))
     if not found:
-        nothing = Counted(np.ones((len(rivals), len(rivals)), dtype=bool), np.zeros((0, 1), dtype=bool))
-        return InputProposal(None, 0, count, left, 0.0, 0.0, nothing)
-    counted = counted or _told(found, rivals, benches)
-    found = [(k, replace(a, score=_score(a, rivals, benches[k], counted))) for k, a in found]
-    found.sort(key=lambda pair: -pair[1].score)
-    best = found[:BEST]
+        return InputProposal(None, benches[0], count, left, 0.0, 0.0, counted)
+    best = sorted((replace(a, score=_score(a, counted)) for a in found), key=lambda a: -a.score)[:BEST]
     for k in range(0 if few else ROUNDS):
-        if best[0][1].score >= ENOUGH * (1.0 + (beside is not None)):
+        if best[0].score >= ENOUGH * (1.0 + (beside is not None)):
             break
-        where, parent = best[k % len(best)]
-        attempt = tried(benches[where], rivals, _changed(parent, best[0][1], benches[where].t, rng), beside)
+        parent = best[k % len(best)]
+        attempt = tried(parent.bench, _changed(parent, best[0], rng), beside)
         count += 1
-        if attempt is not None:
-            attempt = replace(attempt, score=_score(attempt, rivals, benches[where], counted))
-        if attempt is not None and attempt.score > parent.score:
-            best[k % len(best)] = where, attempt
-            best.sort(key=lambda pair: -pair[1].score)
-    where, top = best[0]
-    certain = sure(top.d, rivals, benches[where], counted)
-    return InputProposal(top, where, count, left, certain, shown(top, counted), counted)
+        if attempt is not None and (score := _score(attempt, counted)) > parent.score:
+            best[k % len(best)] = replace(attempt, score=score)
+            best.sort(key=lambda a: -a.score)
+    return InputProposal(best[0], best[0].bench, count, left, sure(best[0], counted), shown(best[0], counted), counted)
 
 
-def _told(found: Sequence[tuple[int, Try]], rivals: Sequence[Rival], benches: Sequence[Bench]) -> Counted:
+def _told(found: Sequence[Try], rivals: int) -> Counted:
     """Pairs that some input tells more likely than not, whichever is right; all rivals, where none is."""
-    best = np.full((len(rivals), len(rivals)), -np.inf)
-    for k, a in found if len(rivals) > 1 else ():
-        z = margins(a.d, rivals, benches[k])
+    best = np.full((rivals, rivals), -np.inf)
+    for a in found if rivals > 1 else ():
+        z = a.bench.margins(a.d)
         best = np.maximum(best, np.minimum(z, z.T))
     told = best > 0.0
-    told = told if np.any(told & ~np.eye(len(rivals), dtype=bool)) else np.ones_like(told)
-    hidden = [a.hidden for _, a in found if a.hidden is not None]
+    told = told if np.any(told & ~np.eye(rivals, dtype=bool)) else np.ones_like(told)
+    hidden = [a.hidden for a in found if a.hidden is not None]
     return Counted(told, np.max(hidden, axis=0) > 0.5 if hidden else np.zeros((0, 1), dtype=bool))
 
 
-def _score(a: Try, rivals: Sequence[Rival], bench: Bench, counted: Counted) -> float:
+def _score(a: Try, counted: Counted) -> float:
     """Objective of the search: how sure the pairs that count are told apart, and what would show beside the answer."""
-    if len(rivals) == 1:
+    if len(a.bench.rivals) == 1:
         return a.score
-    z = _least(a.d, rivals, bench, counted)
+    z = float(_counting(a, counted).min())
     return float(norm.cdf(z)) + min(z, 0.0) + shown(a, counted)
 
 
-def _least(d: Floats, rivals: Sequence[Rival], bench: Bench, counted: Counted) -> float:
-    return float(np.where(counted.rivals, margins(d, rivals, bench), np.inf).min())
+def _counting(a: Try, counted: Counted) -> Floats:
+    """Margins (r, r) of the pairs that count, infinite of others."""
+    return np.where(counted.rivals, a.bench.margins(a.d), np.inf)
 
 
 def shown(a: Try, counted: Counted) -> float:
@@ -290,19 +278,19 @@ def _sized(bench: Bench, rng: np.random.Generator, sizes: Sequence[float]) -> It
             yield Wave(wave.name, size * wave.u)
 
 
-def _fitting(bench: Bench, rivals: Sequence[Rival], wave: Wave, beside: Beside | None) -> Try | None:
+def _fitting(bench: Bench, wave: Wave, beside: Beside | None) -> Try | None:
     """A try, made smaller while a rival leaves its range; None if it does at every size."""
     for _ in range(HALVINGS + 1):
-        attempt = tried(bench, rivals, wave, beside)
+        attempt = tried(bench, wave, beside)
         if attempt is not None:
             return attempt
         wave = replace(wave, u=0.5 * wave.u)
     return None
 
 
-def tried(bench: Bench, rivals: Sequence[Rival], wave: Wave, beside: Beside | None = None) -> Try | None:
+def tried(bench: Bench, wave: Wave, beside: Beside | None = None) -> Try | None:
     """Try of an input: how far it parts the rivals; None if one of them leaves the range of the plant."""
-    u = bench.input(wave.u)
+    u, rivals = bench.input(wave.u), bench.rivals
     moved: list[tuple[Floats, Floats]] = []
     for r in rivals:
         moved.append(bench.moved(r, u))
@@ -314,7 +302,7 @@ def tried(bench: Bench, rivals: Sequence[Rival], wave: Wave, beside: Beside | No
         errors = bench.errors(states[0], readings[0], u, only)
         before = np.sqrt(np.diag(np.linalg.pinv(only.information, hermitian=True)) * bench.excess)
         score = float(np.min(before / np.maximum(errors, 1e-300)))  # the number that gains least
-        return Try(wave.name, wave.u, u, score, errors, states, readings)
+        return Try(bench, wave.name, wave.u, u, score, errors, states, readings)
     d = np.zeros((len(rivals), len(rivals)))
     for a in range(len(rivals)):
         for b in range(len(rivals)):
@@ -323,12 +311,12 @@ def tried(bench: Bench, rivals: Sequence[Rival], wave: Wave, beside: Beside | No
     hidden = None
     if beside is not None:
         hidden = beside.told(beside.missed(bench, states[0], readings[0], u), bench)
-    return Try(wave.name, wave.u, u, float(margins(d, rivals, bench).min()), d, states, readings, hidden)
+    return Try(bench, wave.name, wave.u, u, float(bench.margins(d).min()), d, states, readings, hidden)
 
 
-def _changed(parent: Try, other: Try, t: Floats, rng: np.random.Generator) -> Wave:
+def _changed(parent: Try, other: Try, rng: np.random.Generator) -> Wave:
     """A wave near a good one: a part of another, one more multisine, another size, the halves of two."""
-    kind, m = rng.integers(4), parent.wave.shape[1]
+    kind, m, t = rng.integers(4), parent.wave.shape[1], parent.bench.t
     if kind == 0:
         share = rng.uniform(0.2, 0.8)
         return Wave(parent.name, share * parent.wave + (1.0 - share) * other.wave[::-1])
@@ -342,9 +330,9 @@ def _changed(parent: Try, other: Try, t: Floats, rng: np.random.Generator) -> Wa
     return Wave(parent.name, np.concatenate([parent.wave[:half], other.wave[half:]]))
 
 
-def sure(d: Floats, rivals: Sequence[Rival], bench: Bench, counted: Counted) -> float:
+def sure(a: Try, counted: Counted) -> float:
     """The least probability, over the pairs that count, that the right one is told from the other; 1 for one alone."""
-    return 1.0 if len(rivals) == 1 else float(norm.cdf(_least(d, rivals, bench, counted)))
+    return 1.0 if len(a.bench.rivals) == 1 else float(norm.cdf(_counting(a, counted).min()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -405,14 +393,14 @@ def _shapes(t: Floats, rng: np.random.Generator) -> Iterator[tuple[str, Floats]]
     yield "a multisine that grows", decay[::-1] * multisine(t, 1.0, 0.2, min(3.0, max(top, 0.3)), rng)
 
 
-def missed(bench: Bench, best: Try, rivals: Sequence[Rival], right: int, wrong: int) -> Floats:
+def missed(best: Try, right: int, wrong: int) -> Floats:
     """Error that a wrong explanation would leave of a recording, fitted to it in full and not linearised.
 
     Residuals over the noise, (n, k), of the wrong one on the recording to come alone, if the right one is right.
     """
-    problem, x0 = bench.recorded(best.states[right], best.readings[right], best.u, whole=True)
-    other = rivals[wrong]
+    problem, x0 = best.bench.recorded(best.states[right], best.readings[right], best.u, whole=True)
+    other = best.bench.rivals[wrong]
     ends = fit(problem, other.theta, x0, other.slots, dict(zip(other.slots, other.steps, strict=True)))
     left = np.full_like(best.readings[right], np.nan)
-    left[problem.samples] = problem.residuals(ends.theta, ends.x0) / np.sqrt(bench.excess)
+    left[problem.samples] = problem.residuals(ends.theta, ends.x0) / np.sqrt(best.bench.excess)
     return left

@@ -62,7 +62,8 @@ class Bench:
     """Bench on which the next recording is made.
 
     Attributes:
-        model: with the effects of all rivals; sigma: (k,) noise of the measured states.
+        model: with the effects of all rivals; rivals: what is to be told apart; sigma: (k,) noise of the measured
+            states.
         t: (n,) s; windows: of them, as the fit will cut them; tells: (w,) which it looks at; h_max: longest step, s.
         start: (nx,) state at the first sample; allowed: states that the plant may come to.
         middle, reach: (m,) of the inputs, or of those that are no known condition.
@@ -72,6 +73,7 @@ class Bench:
     """
 
     model: SuperModel
+    rivals: tuple[Rival, ...]
     sigma: Floats
     t: Floats
     windows: Windows
@@ -138,20 +140,19 @@ class Bench:
         worth = weights(y, self.steps, self.shared) if np.any(self.steps > 0.0) else None
         return replace(build_problem(self.model, record, windows, self.sigma, worth), h_max=self.h_max)
 
+    def margins(self, d: Floats) -> Floats:
+        """Margins, (r, r), by which the one at [A, .] is told from that at [., B] if it is right; D(A, B) at [A, B]."""
+        more = np.array([[a.count - b.count for b in self.rivals] for a in self.rivals], dtype=np.float64)
+        return np.where(np.eye(len(d), dtype=bool), np.inf, margin(d, more, self.counted + self.compared))
 
-def margins(d: Floats, rivals: Sequence[Rival], bench: Bench) -> Floats:
-    """Margins, (r, r), in standard deviations, by which the one at [A, .] is told from that at [., B] if it is right.
 
-    BIC of B must exceed that of A by `BIC_GAIN`; the difference of their chi^2 has mean D and variance 4 D, and that
-    of the parameters that one has more. d: (r, r) with D(A, B) at [A, B].
+def margin(d: Floats, more: Floats, numbers: int) -> Floats:
+    """Margins in standard deviations by which what is right is told from another, from their difference d of chi^2.
+
+    BIC of the other must exceed that of the right one by `BIC_GAIN`; the difference of their chi^2 has mean D and
+    variance 4 D, and that of the parameters that one has `more`. numbers: of all recordings.
     """
-    size = math.log(max(bench.counted + bench.compared, 2))
-    more = np.array([[a.count - b.count for b in rivals] for a in rivals], dtype=np.float64)
-    return np.where(np.eye(len(rivals), dtype=bool), np.inf, margin(d, more, size))
-
-
-def margin(d: Floats, more: Floats, log: float) -> Floats:
-    """The same of differences d of chi^2 and `more` parameters at the logarithm of all numbers."""
+    log = math.log(max(numbers, 2))
     spread = np.sqrt(4.0 * d + 2.0 * np.maximum(np.abs(more), 1.0))
     return np.asarray((d - BIC_GAIN - more * log) / spread)
 

@@ -47,7 +47,7 @@ def velocity_lag(record: Record, position: str, velocity: str, reach_s: float = 
     cross-correlation, as in Ljung (1999), System Identification, sec. 6.1; the optimum is refined by a parabola.
     """
     j, k = record.measured.index(position), record.measured.index(velocity)
-    dt = float(np.median(np.concatenate([np.diff(trace.t) for trace in record.traces])))
+    dt = record.interval
     m, reach = max(1, round(0.01 / dt)), max(2, round(reach_s / dt))
     sums = np.zeros((2 * reach + 1, 3))  # for each shift: v.d, d.d, v.v
     for trace in record.traces:

@@ -103,10 +103,6 @@ class Drift(ReadingFault):
     source = "Ljung (1999), System Identification, sec. 14.1"
     parameters = (EffectParameter("rate", "{state}/s", "change of the sensor's zero", null=0.0),)
 
-    def units(self, model: SymbolicModel, on: str) -> dict[str, str]:
-        """The unit of the state a second."""
-        return {"rate": f"{model.units[on]}/s"}
-
     def distort(self, reading: Floats, value: float, t: Floats, measured: Floats, rows: Ints, since: Floats) -> None:
         """A ramp from the start of each trace."""
         reading += value * since
