@@ -17,10 +17,14 @@ MOST_VALUES = 2.0**53
 class InputSet(Section):
     """The values that one input may take: `values`, or all of min, min + step, ..., max."""
 
-    min: float | None = Field(None, description="Smallest value.")
-    max: float | None = Field(None, description="Largest value.")
-    step: float | None = Field(None, gt=0, description="Distance between neighbours.")
-    values: tuple[float, ...] | None = Field(None, description="The values one by one, instead of a range.")
+    min: float | None = None
+    """Smallest value."""
+    max: float | None = None
+    """Largest value."""
+    step: float | None = Field(None, gt=0)
+    """Distance between neighbours."""
+    values: tuple[float, ...] | None = None
+    """The values one by one, instead of a range."""
 
     @model_validator(mode="after")
     def _not_empty(self) -> InputSet:
@@ -60,14 +64,14 @@ class InputSet(Section):
 class DomainSection(Section):
     """Region in which the model is compared with the simulator and the controller works."""
 
-    tau: Seconds = Field(gt=0, description="Sampling time, in seconds or with a unit ('5 ms').")
-    X: dict[str, Interval] = Field(
-        description="For each state its lower and upper end, in its unit; angles in rad, not degrees."
-    )
-    U: dict[str, InputSet] = Field(default={}, description="For each input the values that it may take.")
-    periodic: tuple[str, ...] = Field(
-        (), description="States that wrap around at the ends of X, such as a heading; X is one turn."
-    )
+    tau: Seconds = Field(gt=0)
+    """Sampling time, in seconds or with a unit ('5 ms')."""
+    X: dict[str, Interval]
+    """For each state its lower and upper end, in its unit; angles in rad, not degrees."""
+    U: dict[str, InputSet] = Field({})
+    """For each input the values that it may take."""
+    periodic: tuple[str, ...] = ()
+    """States that wrap around at the ends of X, such as a heading; X is one turn."""
 
     @model_validator(mode="after")
     def _periodic_states(self) -> DomainSection:
