@@ -30,8 +30,8 @@ def check_measured(context: Context) -> None:
         return
     with context.blame():
         model = context.plant.corrected if context.plant.declared.derived else context.plant.declared
-        channels = channels_of(model, section, str(context.path))
-        conditions = condition_channels(model, section, str(context.path))
+        channels = channels_of(model, section)
+        conditions = condition_channels(model, section)
         if section.time.unit is not None:
             with placed(key="measured.time.unit", remedy="Use s, ms, us or ns."):
                 conversion(section.time.unit, "s")
@@ -57,7 +57,7 @@ def as_read(context: Context) -> list[str]:
         return []
     with context.blame():
         paths = named_recordings(context.path, section.files)
-        channels = channels_of(model, section, str(context.path))
+        channels = channels_of(model, section)
         return [_as_read(path, reading.relative(path, context.folder), section, channels) for path in paths]
 
 
@@ -72,18 +72,15 @@ def _as_read(path: Path, name: str, section: MeasuredSection, channels: Sequence
     )
 
 
-def find_missing_coordinates(context: Context) -> list[Finding]:
+def find_missing_coordinates(context: Context) -> Iterator[Finding]:
     """Equations of which a diagnosis seeks no force: it would blame what is left on inputs and sensors."""
     model = context.plant.declared
-    if context.case.measured is None or model.wheels is not None or model.coordinates:
-        return []
-    return [
-        Finding(
+    if context.case.measured is not None and model.wheels is None and not model.coordinates:
+        yield Finding(
             "plant.symbolic.coordinates",
             "is not given, so that a diagnosis seeks no friction, spring or other force on the motion",
             "Name the degrees of freedom there if something moves",
         )
-    ]
 
 
 def _refuse_effects(section: MeasuredSection) -> None:
