@@ -14,6 +14,7 @@ from simgap.arrays import Floats
 from simgap.geometry import Box
 from simgap.io.atomic import atomic
 from simgap.io.traces import EVERY_TITLE, MODEL, SIMULATOR, Trace
+from simgap.late import rerun as rr
 from simgap.synthesis.controller import Controller
 
 SERIES = (("#56B4E9", "light blue"), ("#CC79A7", "pink"), ("#009E73", "green"), ("#F0E442", "yellow"))
@@ -104,8 +105,6 @@ def plot(
     recording: Any, entity: str, t: Floats, values: Floats, colour: str, width: float, name: str | None = None
 ) -> None:
     """A curve over simulated time: t (n,) s, values (n,); called like the end of its entity if it has no other name."""
-    import rerun as rr
-
     look = rr.SeriesLines(colors=rgb(colour), widths=width, names=name or entity.rsplit("/", 1)[-1])
     recording.log(entity, look, static=True)
     if len(t):
@@ -119,8 +118,6 @@ def recording_file(path: Path, application: str, identifier: str, blueprint: Any
     Rerun writes in a thread of its own, which waits for ever on a disk that is full. So it writes to memory, and what
     the disk refuses is told here.
     """
-    import rerun as rr
-
     recording = rr.RecordingStream(application, recording_id=identifier)
     memory = recording.memory_recording()
     if blueprint is not None:

@@ -15,6 +15,7 @@ from simgap.io import figure_style as style
 from simgap.io.figure_style import COLOURS
 from simgap.io.rerun.recording import TIMELINE, Content, JointScene, PlanarScene, rgb
 from simgap.io.traces import MODEL, TITLES, Trace, twin
+from simgap.late import rerun as rr
 
 WORLD = "tf#/scene"  # the frame of the entity /scene
 APART = 0.6  # between copies of a plant that is fixed to the ground, as a share of its reach
@@ -34,8 +35,6 @@ def viewed(scene: JointScene | PlanarScene | None) -> JointScene | PlanarScene |
 
 def log_scene(recording: Any, content: Content) -> None:
     """Log the scene that the content asks for; nothing if it has none."""
-    import rerun as rr
-
     if content.scene is None:
         return
     recording.log("scene", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
@@ -52,8 +51,6 @@ def robot_name(urdf: Path) -> str:
 
 def _joints(recording: Any, content: Content, scene: JointScene) -> None:
     """A copy for each controller: the simulator solid, the nominal model as a ghost, limits of the safe set in grey."""
-    import rerun as rr
-
     _, across, reach = stance(scene)
     aside = -0.1 * lean(content, scene) * reach
     for number, (controller, trace) in enumerate(content.shown.items()):
@@ -95,8 +92,6 @@ def lean(content: Content, scene: JointScene) -> float:
 
 def _limits(recording: Any, content: Content, scene: JointScene, prefix: str, offset: Floats) -> None:
     """For one joint: the ends of the safe set as thin lines from the joint to the end of the link."""
-    import rerun as rr
-
     tree = reading.read_xml(scene.urdf)
     name, j = next(iter(scene.joints.items()))
     joint = _tree(scene.urdf, "limits").get_joint_by_name(name)
@@ -126,8 +121,6 @@ def _rotated(axis: Floats, angle: float, v: Floats) -> Floats:
 
 def _tree(urdf: Path, prefix: str) -> Any:
     """The URDF with all its entities under `/prefix`, and its frames apart from those of other copies."""
-    import rerun as rr
-
     return rr.urdf.UrdfTree.from_file_path(
         urdf,
         entity_path_prefix=prefix,
@@ -138,8 +131,6 @@ def _tree(urdf: Path, prefix: str) -> Any:
 
 def _place(recording: Any, urdf: Path, prefix: str, colour: list[int]) -> Any:
     """Log a URDF under a prefix, all of it in one colour: -> its tree."""
-    import rerun as rr
-
     tree = _tree(urdf, prefix)
     tree.log_urdf_to_recording(recording=recording)
     links = {link.get("name"): link for link in reading.read_xml(urdf).findall("link")}
@@ -155,8 +146,6 @@ def _place(recording: Any, urdf: Path, prefix: str, colour: list[int]) -> Any:
 
 def _jointed(recording: Any, scene: JointScene, prefix: str, offset: Floats, trace: Trace, colour: list[int]) -> None:
     """A URDF fixed to the ground whose joints follow a trace."""
-    import rerun as rr
-
     tree = _place(recording, scene.urdf, prefix, colour)
     base = rr.Transform3D(translation=offset, parent_frame=WORLD, child_frame=f"{prefix}/{tree.root_link().name}")
     recording.log(f"{prefix}/base", base, static=True)
@@ -183,8 +172,6 @@ def _planar(recording: Any, content: Content, scene: PlanarScene) -> None:
 
 
 def _floor(recording: Any, entity: str, box: Box, colour: list[int], height: float, below: bool = False) -> None:
-    import rerun as rr
-
     middle, half = 0.5 * (box.lo + box.hi), 0.5 * (box.hi - box.lo)
     z = -height if below else height
     shape = rr.Boxes3D(
@@ -194,16 +181,12 @@ def _floor(recording: Any, entity: str, box: Box, colour: list[int], height: flo
 
 
 def _path(recording: Any, scene: PlanarScene, entity: str, trace: Trace, colour: list[int]) -> None:
-    import rerun as rr
-
     points = np.column_stack([trace.x[:, list(scene.axes[:2])], np.full(len(trace.t), 0.02)])
     recording.log(entity, rr.LineStrips3D([points], colors=colour, radii=0.02), static=True)
 
 
 def _driven(recording: Any, scene: PlanarScene, prefix: str, trace: Trace, colour: list[int]) -> None:
     """The robot at its pose: its URDF, or a disc with a nose."""
-    import rerun as rr
-
     x, y, heading = (trace.x[:, j] for j in scene.axes)
     if scene.urdf is not None:
         child = f"{prefix}/{_place(recording, scene.urdf, prefix, colour).root_link().name}"
