@@ -40,7 +40,6 @@ from simgap.lint.measured import check_measured, refuse_links, refuse_unknown
 from simgap.model.tree import Tree
 from simgap.notation import number, pretty_unit
 from simgap.plants.context import Context
-from simgap.provenance import provenance
 from simgap.report import arm_document
 from simgap.report.diagnosis_document import document
 from simgap.report.diagnosis_page import ARM_TEMPLATE, TEMPLATE, draw, draw_arm, page
@@ -171,9 +170,7 @@ def conclude(
     use = use_of(remainder, found.verdict, section.rig, case.gap is not None, case.hidden_state is not None)
     with context.blame():
         simulated = measured_out(context, section, found, (record.measured, record.inputs))
-    content = document(
-        found, reading, look, remainder, use, context.units, provenance("diagnosis", case, context.folder)
-    )
+    content = document(found, reading, look, remainder, use, context.units, context.record("diagnosis"))
     content["simulator"] = simulated.document() if simulated is not None else None
     out_dir.mkdir(parents=True, exist_ok=True)  # first: `out/../rod.urdf` is no file before
     text = corrected_case(
@@ -271,7 +268,7 @@ def diagnose_arm_recordings(
         found = answered(section.budget_s, search, tell)
     for warning in (*reading.warnings, *look.warnings, *found.warnings):
         log.warning("%s", warning)
-    made_of = provenance("diagnosis", context.case, context.folder)
+    made_of = context.record("diagnosis")
     content = arm_document.document(found, reading, look, tree, inputs, context.units, made_of)
     out_dir.mkdir(parents=True, exist_ok=True)
     urdf = MODEL if found.verdict in ("attributed", "partial") and found.inertial and case.plant.urdf else None

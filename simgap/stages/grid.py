@@ -19,7 +19,6 @@ from simgap.gap.sampling.points import (
 )
 from simgap.lint.costs import affordable, costs
 from simgap.plants.context import Context
-from simgap.provenance import provenance
 from simgap.stages import log
 from simgap.stages.arguments import CasePath, Option
 from simgap.stages.gap_inputs import write_points
@@ -45,7 +44,7 @@ def run(
         points = grid(context, name)
     states = state_names(context.case)
     units = context.units | {n: context.units[n.removeprefix("previous_")] for n in states}
-    record = provenance("grid", context.case, context.folder, point=points.name)
+    record = context.record("grid", point=points.name)
     write_points(out, points, (states, context.inputs), units, record)
     log.info("%s: %d x %d samples", points.name, len(points.states), len(points.inputs))
 

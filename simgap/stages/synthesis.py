@@ -23,7 +23,6 @@ from simgap.lint.costs import affordable, costs
 from simgap.model.integrators import nominal_paths
 from simgap.model.sampled import NominalModel
 from simgap.plants.context import Context, pose_axes
-from simgap.provenance import provenance
 from simgap.simulators.body_samples import BodySamples
 from simgap.simulators.commands import acts_at_once
 from simgap.specifications.base import path_aware_baseline, specification_of
@@ -63,7 +62,7 @@ def run(
     """
     summary.with_name(EMPTY_FIGURES).unlink(missing_ok=True)  # of an earlier run that won nothing
     context = Context.load(case_path)
-    record = provenance("synthesis", context.case, context.folder, rests=CONTROLLED[1:] if gap_path is not None else ())
+    record = context.record("synthesis", rests=CONTROLLED[1:] if gap_path is not None else ())
     if baseline:
         context = path_aware_baseline(context)
     with context.blame():

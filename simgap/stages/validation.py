@@ -25,7 +25,6 @@ from simgap.io.parquet import write_parquet
 from simgap.io.traces import BASELINE, GAP_AWARE, MODEL, NOMINAL, SIMULATOR, Trace, to_table
 from simgap.late import pyarrow as pa
 from simgap.plants.context import Context
-from simgap.provenance import provenance
 from simgap.simulators.process import EnginePool, engine_pool
 from simgap.specifications.base import Run, Verdict, specification_of
 from simgap.specifications.space import Space
@@ -64,7 +63,7 @@ def run(
         model, gap = context.plant.sampled, load_gap(gap_path, context).function
         specification, space = specification_of(context.case), Space.of(context.case)
     names, tolerated = (context.states, context.inputs, context.units), tolerated_share(context.case)
-    record = provenance("validation", context.case, context.folder, {"starts": section.seed}, CONTROLLED)
+    record = context.record("validation", {"starts": section.seed}, CONTROLLED)
     tallies: dict[str, dict[str, Any]] = {}
     parts: list[pa.Table] = []
     shown: dict[int, Verdict] = {}  # by the nominal-only controller's runs in the simulator: the same starts for all
