@@ -26,8 +26,8 @@ from simgap.cli.terminal import say
 from simgap.config.case import Case
 from simgap.errors import SimgapError, UserError
 from simgap.io.atomic import host, no_links_below, write_text
-from simgap.io.documents import read_json
 from simgap.io.pages import render
+from simgap.io.results import read_json
 from simgap.io.runs import LINKED, RUN, runs_in
 
 PACKAGE = reading.real(Path(__file__)).parents[1]

@@ -25,8 +25,8 @@ from simgap.extras.experiment.rivals import Explained, library_names
 from simgap.geometry import Box
 from simgap.io import figure_style as style
 from simgap.io.atomic import write_text
-from simgap.io.documents import write_json
 from simgap.io.recordings.measured import load_reading
+from simgap.io.results import write_json
 from simgap.notation import axis_label, joined, number, pretty_unit
 from simgap.plants.context import Context
 from simgap.stages import log

@@ -10,7 +10,7 @@ import numpy as np
 
 from simgap.arrays import Bools, Floats
 from simgap.errors import UserError
-from simgap.io.parquet import stack, table
+from simgap.io.results import stack, table
 from simgap.late import pyarrow as pa
 from simgap.late import pyarrow_compute as pc
 

@@ -37,9 +37,8 @@ from simgap.gap.sampling.samples import motion_of
 from simgap.geometry import Grid
 from simgap.io.arrays_on_disk import Mapped, scratch_folder
 from simgap.io.controller_file import load_controller_of
-from simgap.io.documents import write_json
 from simgap.io.gap_file import SavedGap, load_gap
-from simgap.io.parquet import table, write_parquet
+from simgap.io.results import table, write_json, write_parquet
 from simgap.plants.context import Context
 from simgap.simulators.process import engine_pool
 from simgap.simulators.rollouts import make_simulator

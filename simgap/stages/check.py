@@ -13,7 +13,7 @@ from pathlib import Path
 
 from simgap.errors import Finding
 from simgap.gap.sampling.points import covering_grid, own_point
-from simgap.io.documents import write_json
+from simgap.io.results import write_json
 from simgap.lint import controller, engine, equations, gap, measured
 from simgap.lint.costs import StageCost, affordable, costs, duration, pair_seconds, size, slowness
 from simgap.plants.context import Context

@@ -29,13 +29,12 @@ from simgap.diagnosis.verdict.remainder import bound_remainder, use_of
 from simgap.effects import apply_effects, effect
 from simgap.errors import UserError
 from simgap.io.atomic import atomic, write_text
-from simgap.io.documents import write_json
 from simgap.io.model_export import with_inertial
 from simgap.io.pages import need_template
-from simgap.io.parquet import table, write_parquet
 from simgap.io.recordings.measured import load_reading
 from simgap.io.recordings.tables import rig_record
 from simgap.io.rerun.diagnosis import write_recording
+from simgap.io.results import table, write_json, write_parquet
 from simgap.lint.measured import check_measured, refuse_links, refuse_unknown
 from simgap.model.tree import Tree
 from simgap.notation import number, pretty_unit

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Annotated
 
 from simgap.gap.checked_bound import Made, gap, seeds
-from simgap.io.documents import write_json
-from simgap.io.parquet import table, write_parquet
+from simgap.io.results import table, write_json, write_parquet
 from simgap.plants.context import Context
 from simgap.stages import log
 from simgap.stages.arguments import Borders, CasePath, Grid, Option, Out, Shards

@@ -12,8 +12,7 @@ from simgap.arrays import Floats
 from simgap.errors import UserError, excerpt
 from simgap.gap.json_record import JsonRecord
 from simgap.gap.sampling.points import Columns, Points, state_names, units
-from simgap.io.documents import read_json, write_json
-from simgap.io.parquet import columns_of, read_parquet, record_of, stack, table, write_parquet
+from simgap.io.results import columns_of, read_json, read_parquet, record_of, stack, table, write_json, write_parquet
 from simgap.late import pyarrow as pa
 from simgap.plants.context import Context
 from simgap.stages import log

@@ -13,10 +13,9 @@ from simgap.errors import UserError
 from simgap.gap.bounds.function import GapFunction
 from simgap.io.atomic import write_bytes, write_text
 from simgap.io.controller_file import load_controller_of
-from simgap.io.documents import read_json, write_json
 from simgap.io.gap_file import SavedGap, load_gap
 from simgap.io.pages import need_template, render
-from simgap.io.parquet import read_parquet
+from simgap.io.results import read_json, read_parquet, write_json
 from simgap.io.traces import GAP_AWARE, NOMINAL, split
 from simgap.lint.costs import costs, duration
 from simgap.plants.context import Context

@@ -10,7 +10,7 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.config.run import Rig, case_of_rig, load_rig
 from simgap.errors import UserError
-from simgap.io.parquet import table, write_parquet
+from simgap.io.results import table, write_parquet
 from simgap.late import pyarrow as pa
 from simgap.plants.context import Context
 from simgap.signals import multisine

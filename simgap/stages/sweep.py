@@ -18,9 +18,8 @@ from simgap.config.run import Point, base_of, load_sweep, points_of_sweep
 from simgap.errors import UserError
 from simgap.gap.bounds.load import from_json
 from simgap.io.atomic import write_text
-from simgap.io.documents import read_json
 from simgap.io.pages import render
-from simgap.io.parquet import write_parquet
+from simgap.io.results import read_json, write_parquet
 from simgap.late import pyarrow as pa
 from simgap.lint.costs import affordable, costs
 from simgap.plants.context import Context

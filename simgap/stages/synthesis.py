@@ -17,8 +17,8 @@ from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.geometry import Box
 from simgap.io.controller_file import save_controller
-from simgap.io.documents import read_json, write_json
 from simgap.io.gap_file import SavedGap, load_gap
+from simgap.io.results import read_json, write_json
 from simgap.lint.costs import affordable, costs
 from simgap.model.integrators import nominal_paths
 from simgap.model.sampled import NominalModel

@@ -12,7 +12,7 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.sampling.points import remembers, stacked
-from simgap.io.documents import write_json
+from simgap.io.results import write_json
 from simgap.io.traces import SIMULATOR, split
 from simgap.plants.context import Context
 from simgap.simulators.process import run_in_processes

@@ -19,9 +19,8 @@ from simgap.errors import BrokenPromise, UserError
 from simgap.geometry import drawn_in_cells
 from simgap.io.arrays_on_disk import Mapped, scratch_folder
 from simgap.io.controller_file import load_controller_of
-from simgap.io.documents import write_json
 from simgap.io.gap_file import load_gap
-from simgap.io.parquet import write_parquet
+from simgap.io.results import write_json, write_parquet
 from simgap.io.traces import BASELINE, GAP_AWARE, MODEL, NOMINAL, SIMULATOR, Trace, to_table
 from simgap.late import pyarrow as pa
 from simgap.plants.context import Context

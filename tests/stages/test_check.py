@@ -12,7 +12,7 @@ import yaml
 
 from simgap.config.load import load_case
 from simgap.errors import UserError
-from simgap.io.parquet import read_parquet
+from simgap.io.results import read_parquet
 from simgap.lint import costs, engine, equations
 from simgap.lint.controller import refuse_specification
 from simgap.lint.gap import find_jumps_at_rest, refuse_basis

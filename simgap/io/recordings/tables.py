@@ -15,9 +15,9 @@ from simgap.arrays import Floats
 from simgap.diagnosis.record.channels import RawTable, no_time_column
 from simgap.errors import UserError, excerpt, placed
 from simgap.io.atomic import seal_holds
-from simgap.io.parquet import record_of
 from simgap.io.recordings.mcap_file import MAGIC, mcap_header, read_mcap
 from simgap.io.recordings.text_file import csv_layout, json_cells, json_table, read_csv_columns
+from simgap.io.results import record_of
 from simgap.late import pyarrow as pa
 from simgap.late import pyarrow_compute as pc
 from simgap.late import pyarrow_csv as pcsv
