@@ -15,10 +15,9 @@ from pydantic_core.core_schema import ModelSchema
 
 from simgap.config.base import Gibibytes, Hours, Section
 from simgap.config.controller import AuditSection, SensingSection, SynthesisSection, ValidationSection
-from simgap.config.domain import DomainSection
 from simgap.config.gap import GapSection, GridSection, HiddenStateSection, SymmetrySection
 from simgap.config.measured import MeasuredSection
-from simgap.config.plant import PlantSection
+from simgap.config.plant import DomainSection, PlantSection
 from simgap.config.plugged import Plugged
 from simgap.config.simulator import EngineSection, TwinSection
 

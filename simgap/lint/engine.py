@@ -16,7 +16,7 @@ import numpy as np
 
 from simgap import plugins, reading
 from simgap.config.case import Case
-from simgap.config.model_files import places_of
+from simgap.config.named_files import places_of
 from simgap.errors import Finding, UserError
 from simgap.io.wheeled_urdf import axle, numbers, wheels_of
 from simgap.late import scipy

@@ -11,8 +11,8 @@ from typing import Any, Self, TypeVar
 
 from simgap.arrays import Floats
 from simgap.config.case import Case
-from simgap.config.domain import DomainSection
 from simgap.config.load import load_case
+from simgap.config.plant import DomainSection
 from simgap.errors import UserError, placed
 from simgap.geometry import Box
 from simgap.plants.plant_model import PlantModel

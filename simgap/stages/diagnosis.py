@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.config.function_file import plugin_copies
 from simgap.config.measured import MeasuredSection, matching_files, named_recordings
+from simgap.config.named_files import plugin_copies
 from simgap.diagnosis.arms.diagnose import ArmSettings, diagnose_arm
 from simgap.diagnosis.arms.problem import TERMS, Payload
 from simgap.diagnosis.corrected_case import acted_out, corrected_case, measured_out

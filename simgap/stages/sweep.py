@@ -12,8 +12,7 @@ from typing import Annotated, Any
 import yaml
 
 from simgap import reading
-from simgap.config.function_file import plugin_copies, with_plugin_copies
-from simgap.config.model_files import move_files
+from simgap.config.named_files import move_files, plugin_copies, with_plugin_copies
 from simgap.config.run import Point, base_of, load_sweep, points_of_sweep
 from simgap.errors import UserError
 from simgap.gap.bounds.load import from_json
