@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -38,15 +39,14 @@ TUTORIAL = ("rod.yaml", "rod.urdf", "machine.urdf", "swings.csv")
 
 def tutorial(out: Annotated[Path, typer.Option(help="Folder for the files.", callback=new_folder)] = Path()) -> None:
     """Copy the files of the tutorial here: a case, two URDFs of a rod, and a recording."""
-    from simgap.io.atomic import atomic
+    from simgap.io.atomic import write_bytes
 
     source = workflow_file("tutorial") if (PACKAGE / "workflow").is_dir() else PACKAGE.parent / "docs/tutorial"
     for name in TUTORIAL:
         if (out / name).exists():
             raise UserError("already exists and is left unchanged", file=out / name, remedy="Use an empty folder.")
     for name in TUTORIAL:
-        with atomic(out / name) as temporary:
-            temporary.write_bytes(reading.read_bytes(source / name))
+        write_bytes(out / name, reading.read_bytes(source / name))
     say(f"Wrote {', '.join(TUTORIAL)}. Next: simgap check rod.yaml, then simgap run rod.yaml")
 
 
@@ -116,6 +116,7 @@ def _show_checked(checked: Checked, case: Path) -> None:
     from simgap.stages.check import conclusion
 
     out = console()
+    line = partial(out.print, soft_wrap=True, highlight=False)
     if checked.costs:
         table = Table("stage", "what", "CPU time, about", "memory, about", box=None)
         for cost in checked.costs:
@@ -123,18 +124,15 @@ def _show_checked(checked: Checked, case: Path) -> None:
         out.print(table)
     for what, cells in checked.cells.items():
         out.print(f"cells of the {what}: {', '.join(f'{name} {count}' for name, count in cells.items())}")
-    for line in checked.recordings:
-        out.print(f"recording {line}", soft_wrap=True, highlight=False)
+    for recording in checked.recordings:
+        line(f"recording {recording}")
     for finding in checked.findings:
-        out.print(f"{finding.key}: {finding.problem}. {finding.remedy}", soft_wrap=True, highlight=False)
+        line(f"{finding.key}: {finding.problem}. {finding.remedy}")
     if checked.compared and not checked.findings:
         out.print("The engine takes the model file as it is: nothing is dropped or changed.")
     if not checked.costs:
-        out.print(
-            "Only a diagnosis can be computed: there is no `domain:` with a simulator or a controller.",
-            soft_wrap=True, highlight=False,
-        )  # fmt: skip
-    out.print(conclusion(checked, case), soft_wrap=True, highlight=False)
+        line("Only a diagnosis can be computed: there is no `domain:` with a simulator or a controller.")
+    line(conclusion(checked, case))
 
 
 def propose(

@@ -28,7 +28,7 @@ from simgap.diagnosis.verdict.missing import Missing, missing_terms
 from simgap.diagnosis.verdict.remainder import bound_remainder, use_of
 from simgap.effects import apply_effects, effect
 from simgap.errors import UserError
-from simgap.io.atomic import atomic, write_text
+from simgap.io.atomic import write_bytes, write_text
 from simgap.io.model_export import with_inertial
 from simgap.io.pages import need_template
 from simgap.io.recordings.measured import load_reading
@@ -237,8 +237,7 @@ def write_answer(
     units = {c: context.units[c.removeprefix("late_").removeprefix("next_")] for c in columns}
     write_parquet(out_dir / TRANSITIONS, table(columns, units, {"case": context.case.name}, content["provenance"]))
     for plugin in plugin_copies(context.case, context.folder, out_dir):
-        with atomic(out_dir / plugin.file) as temporary:
-            temporary.write_bytes(plugin.content)
+        write_bytes(out_dir / plugin.file, plugin.content)
     write_text(out_dir / CASE, case)
     write_json(out_dir / JSON, content)
 

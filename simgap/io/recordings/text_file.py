@@ -269,10 +269,7 @@ def _document(path: Path) -> Any:
     content = reading.read_bytes(path)
     if not content.strip():
         raise UserError("is empty", remedy="Check the recording.")
-    try:
-        return _parsed(content, path)
-    except json.JSONDecodeError as error:
-        raise _malformed(error, error.lineno) from None
+    return _parsed(content, path)
 
 
 def _line_values(path: Path) -> Iterator[tuple[int, Any]]:
@@ -280,19 +277,22 @@ def _line_values(path: Path) -> Iterator[tuple[int, Any]]:
     try:
         for number, line in enumerate(reading.lines(path, MOST), 1):
             if line.strip():
-                try:
-                    yield number, _parsed(line, path)
-                except json.JSONDecodeError as error:
-                    raise _malformed(error, number) from None
+                yield number, _parsed(line, path, number)
     except UnicodeDecodeError:
         raise not_text(path) from None
 
 
-def _parsed(content: bytes | str, path: Path) -> Any:
+def _parsed(content: bytes | str, path: Path, number: int | None = None) -> Any:
+    """The value of a document, or of a line by its number."""
     try:
         return json.loads(content, object_pairs_hook=_object)
-    except json.JSONDecodeError:
-        raise
+    except json.JSONDecodeError as error:
+        line = number or error.lineno
+        if not error.doc[error.pos :].strip():
+            remedy = "Wait until it is written, or copy it again."
+            raise UserError(f"ends at line {line} before its JSON does", remedy=remedy) from None
+        problem = f"line {line}, column {error.colno} is not JSON ({error.msg})"
+        raise UserError(problem, remedy=_WRITTEN) from None
     except UnicodeDecodeError:
         raise not_text(path) from None
     except RecursionError:
@@ -307,14 +307,6 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any] | _Twice:
         return content
     keys = [key for key, _ in pairs]
     return _Twice(next(key for key in keys if keys.count(key) > 1))
-
-
-def _malformed(error: json.JSONDecodeError, line: int) -> UserError:
-    if not error.doc[error.pos :].strip():
-        return UserError(
-            f"ends at line {line} before its JSON does", remedy="Wait until it is written, or copy it again."
-        )
-    return UserError(f"line {line}, column {error.colno} is not JSON ({error.msg})", remedy=_WRITTEN)
 
 
 def _samples(content: Any) -> Samples:

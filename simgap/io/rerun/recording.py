@@ -12,7 +12,7 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.geometry import Box
-from simgap.io.atomic import atomic
+from simgap.io.atomic import write_bytes
 from simgap.io.traces import EVERY_TITLE, MODEL, SIMULATOR, Trace
 from simgap.late import rerun as rr
 from simgap.synthesis.controller import Controller
@@ -126,5 +126,4 @@ def recording_file(path: Path, application: str, identifier: str, blueprint: Any
     recording.flush()
     content = memory.drain_as_bytes()
     recording.disconnect()
-    with atomic(path) as temporary:
-        temporary.write_bytes(content)
+    write_bytes(path, content)
