@@ -22,7 +22,7 @@ from xml.etree import ElementTree
 from simgap import reading
 from simgap.config.case import Case
 from simgap.config.plugged import used_plugins
-from simgap.errors import UserError, excerpt
+from simgap.errors import UserError, excerpt, placed
 
 KEYS = ("urdf", "mjcf", "fmu")
 """Keys of `plant`, of `simulator` and of the engine that it is a twin of."""
@@ -144,27 +144,21 @@ class FunctionFile:
             UserError: another form of name, a file that is missing, broken or outside the folder, or that does not
                 hold the function.
         """
-        file, _, name = named.rpartition(":")
-        if not file.endswith(".py") or not name.isidentifier():
-            raise UserError(
-                f"'{excerpt(named)}' does not name a function",
-                key=KEY,
-                remedy="Write file.py:name, such as my_sim.py:step.",
-            )
-        path = reading.real(folder / file)
-        if not path.is_relative_to(reading.real(folder)):
-            raise UserError(f"'{excerpt(file)}' lies outside the case's folder", key=KEY, remedy="Put it beside it.")
-        if not reading.is_file(path):
-            raise UserError(
-                "the file of the function does not exist", file=path, key=KEY, remedy="Put it beside the case."
-            )
-        if name not in _defined(path):
-            defined = ", ".join(sorted(n for n in _defined(path) if not n.startswith("_"))) or "nothing"
-            raise UserError(
-                f"the file has no function '{excerpt(name)}'", file=path, key=KEY,
-                remedy=f"Check its spelling; it has {excerpt(defined)}.",
-            )  # fmt: skip
-        return FunctionFile(path, name)
+        with placed(key=KEY):
+            file, _, name = named.rpartition(":")
+            if not file.endswith(".py") or not name.isidentifier():
+                remedy = "Write file.py:name, such as my_sim.py:step."
+                raise UserError(f"'{excerpt(named)}' does not name a function", remedy=remedy)
+            path = reading.real(folder / file)
+            if not path.is_relative_to(reading.real(folder)):
+                raise UserError(f"'{excerpt(file)}' lies outside the case's folder", remedy="Put it beside it.")
+            if not reading.is_file(path):
+                raise UserError("the file of the function does not exist", file=path, remedy="Put it beside the case.")
+            if name not in (defined := _defined(path)):
+                listed = ", ".join(sorted(n for n in defined if not n.startswith("_"))) or "nothing"
+                remedy = f"Check its spelling; it has {excerpt(listed)}."
+                raise UserError(f"the file has no function '{excerpt(name)}'", file=path, remedy=remedy)
+            return FunctionFile(path, name)
 
     def digests(self) -> dict[str, str]:
         """A short hash of the file and of each neighbour, by its place beside it."""

@@ -223,10 +223,8 @@ def _control(context: Context, rollout: float, startup: float, pair: float) -> I
         "synthesis", cells * inputs * rows, of, seconds, BYTES + a_cell * cells + kept, "synthesis.cells",
     )  # fmt: skip
     if case.validation is not None and case.simulator is not None:
-        steps, ends = (
-            (case.validation.count() + case.validation.baseline_count()) * case.validation.steps,
-            not _holds(case),
-        )
+        steps = (case.validation.count() + case.validation.baseline_count()) * case.validation.steps
+        ends = not _holds(case)
         yield StageCost(
             "validation", steps, "closed-loop steps" + " at most" * ends, startup + steps * (rollout + LOOP), 2 * BYTES,
             "validation.starts", ends,

@@ -254,7 +254,7 @@ def test_what_a_run_costs_is_said_before_anything_is_built(tmp_path, monkeypatch
         check.run(path, tell=said.append)
     assert said
     assert "of CPU time in all, most of it" in said[0]
-    monkeypatch.setattr(check, "of_engine", lambda *given: (None, None))
+    monkeypatch.setattr(check.engine, "of_engine", lambda *given: (None, None))
     check.run(written(tmp_path), tell=said.append)
     assert said[-2:] == ["building the nominal model of 2 states", "querying the engine pybullet"]
 

@@ -111,21 +111,16 @@ def _read_topic(bag: Bag, topic: str, own: Sequence[str]) -> _Topic:
         require_room((k + 1) * (len(own) + 2) * _HELD)
         values, twice = _values(topic, content), _twice(topic, content)
         for name in own:
+            here = f"message {k + 1} of '{excerpt(topic, 60)}'"
             if name in twice:
-                raise UserError(
-                    f"message {k + 1} of '{excerpt(topic, 60)}' has '{excerpt(name, 80)}' twice",
-                    remedy="Which of them is meant cannot be told: give each joint a name of its own.",
-                )
+                remedy = "Which of them is meant cannot be told: give each joint a name of its own."
+                raise UserError(f"{here} has '{excerpt(name, 80)}' twice", remedy=remedy)
             if name not in values:
-                raise UserError(
-                    f"message {k + 1} of '{topic}' has no '{name}'",
-                    remedy="Record each robot's joints on a topic of its own.",
-                )
+                remedy = "Record each robot's joints on a topic of its own."
+                raise UserError(f"{here} has no '{name}'", remedy=remedy)
             if not np.isfinite(values[name]):
-                raise UserError(
-                    f"message {k + 1} of '{topic}': '{name}' is {values[name]}, not a finite number",
-                    remedy="Leave that column out of the case if its driver does not measure it.",
-                )
+                remedy = "Leave that column out of the case if its driver does not measure it."
+                raise UserError(f"{here}: '{name}' is {values[name]}, not a finite number", remedy=remedy)
             columns[name].append(values[name])
         stamps.append(_stamp(content))
         logged.append(log_time)

@@ -103,22 +103,15 @@ def _refuse_unknown(names: Iterable[str], known: Sequence[str], key: str, what: 
             raise UserError(f"'{name}' is {what}", key=f"measured.{key}.{name}", remedy=f"Known: {', '.join(known)}.")
 
 
-def _channel(name: str, unit: str, is_input: bool, column: ColumnMap | None) -> Channel:
-    if column is None:
-        return Channel(name, unit, is_input, name)
+def _channel(name: str, unit: str, is_input: bool, given: ColumnMap | None) -> Channel:
+    column, key = given or ColumnMap(), f"measured.columns.{name}"
     if column.constant is not None and not is_input:
-        raise UserError(
-            "a state cannot be constant",
-            key=f"measured.columns.{name}.constant",
-            remedy="Leave out a state that was not measured.",
-        )
-    key = f"measured.columns.{name}"
+        remedy = "Leave out a state that was not measured."
+        raise UserError("a state cannot be constant", key=f"{key}.constant", remedy=remedy)
     _refuse_unit(key, unit, column.unit)
     if column.wrapped and full_turn(column.unit or unit) is None:
-        raise UserError(
-            f"'{column.unit or unit}' is not an angle, so it cannot be wrapped", key=f"{key}.wrapped",
-            remedy="Remove it, or correct the unit.",
-        )  # fmt: skip
+        problem = f"'{column.unit or unit}' is not an angle, so it cannot be wrapped"
+        raise UserError(problem, key=f"{key}.wrapped", remedy="Remove it, or correct the unit.")
     return Channel(
         name,
         unit,
@@ -129,7 +122,7 @@ def _channel(name: str, unit: str, is_input: bool, column: ColumnMap | None) -> 
         offset=_number(column.offset, f"{key}.offset"),
         wrapped=column.wrapped,
         constant=column.constant,
-        mapped=True,
+        mapped=given is not None,
     )
 
 
