@@ -69,10 +69,8 @@ def new(
     from simgap.extras.wizard.model_file import BASES
 
     if [urdf is not None, mjcf is not None, equations].count(True) != 1:
-        raise UserError(
-            "either a URDF, or MJCF, or equations", key="--urdf",
-            remedy="Give --urdf FILE, --mjcf FILE, or --equations.",
-        )  # fmt: skip
+        remedy = "Give --urdf FILE, --mjcf FILE, or --equations."
+        raise UserError("either a URDF, or MJCF, or equations", key="--urdf", remedy=remedy)
     of_files = {"--inputs": inputs, "--at": at, "--joints": joints, "--base": base}
     if equations and any(of_files.values()):
         key = next(key for key, given in of_files.items() if given)

@@ -96,11 +96,9 @@ def named_recordings(case: Path, names: Sequence[str]) -> list[Path]:
     found = matching_files(case.parent, names)
     for place, path in found:
         if not reading.is_file(path):
-            raise UserError(
-                f"{'is a folder' if path.is_dir() else 'there is no file'}: '{names[place]}'",
-                file=case, key=f"measured.files.{place}",
-                remedy="Correct the path of a CSV, Parquet, JSON or MCAP file; it starts from the folder of the case.",
-            )  # fmt: skip
+            problem = f"{'is a folder' if path.is_dir() else 'there is no file'}: '{names[place]}'"
+            remedy = "Correct the path of a CSV, Parquet, JSON or MCAP file; it starts from the folder of the case."
+            raise UserError(problem, file=case, key=f"measured.files.{place}", remedy=remedy)
     return [path for _, path in found]
 
 
@@ -108,20 +106,15 @@ def _files(folder: Path, pattern: str, key: str | None) -> list[Path]:
     """Files that match, sorted; none where it is no pattern (`**` stands alone between slashes)."""
     anchor = Path(pattern).anchor
     if key is not None and (anchor or ".." in Path(pattern).parts):
-        raise UserError(
-            f"the pattern '{excerpt(pattern, 60)}' leads out of the case's folder", key=key,
-            remedy="Name the files one by one, or put the case beside them.",
-        )  # fmt: skip
+        remedy = "Name the files one by one, or put the case beside them."
+        raise UserError(f"the pattern '{excerpt(pattern, 60)}' leads out of the case's folder", key=key, remedy=remedy)
     try:
         found = list(islice((folder / anchor).glob(pattern.removeprefix(anchor)), MOST_FILES + 1))
     except ValueError:
         return []
     if len(found) > MOST_FILES:
-        raise UserError(
-            f"the pattern '{excerpt(pattern, 60)}' stands for more than {MOST_FILES} files",
-            key=key,
-            remedy="Narrow it.",
-        )
+        problem = f"the pattern '{excerpt(pattern, 60)}' stands for more than {MOST_FILES} files"
+        raise UserError(problem, key=key, remedy="Narrow it.")
     return sorted(path for path in found if reading.is_file(path))
 
 

@@ -129,10 +129,8 @@ def points_of_sweep(path: Path) -> list[Point]:
         UserError: axes of different lengths where they are zipped, too many points, or a point that is no case.
     """
     if not NAME.fullmatch(path.stem):
-        raise UserError(
-            "the file's name is that of the sweep and of a folder", file=path,
-            remedy="Rename it: lower-case letters, digits, and single - or _ between them, such as basis.yaml.",
-        )  # fmt: skip
+        remedy = "Rename it: lower-case letters, digits, and single - or _ between them, such as basis.yaml."
+        raise UserError("the file's name is that of the sweep and of a folder", file=path, remedy=remedy)
     sweep = load_sweep(path)
     listed = sweep.mode == "list"
     if bool(sweep.axes) == listed or bool(sweep.points) != listed:

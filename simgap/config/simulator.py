@@ -39,11 +39,9 @@ class EngineSection(Section):
         Raises:
             UserError: an engine that records no poses between samples.
         """
-        raise UserError(
-            f"the engine '{self.engine}' records no poses between samples",
-            key="simulator.engine",
-            remedy="A robot with memory needs one that does, such as pybullet_wheeled.",
-        )
+        problem = f"the engine '{self.engine}' records no poses between samples"
+        remedy = "A robot with memory needs one that does, such as pybullet_wheeled."
+        raise UserError(problem, key="simulator.engine", remedy=remedy)
 
 
 class Damping(Section):

@@ -324,9 +324,8 @@ def export_controller(controller: Controller, path: Path | str) -> None:
         raise UserError("is neither a C header nor Python", file=path, remedy="Let the name end with .h or .py.")
     name = re.sub(r"\W", "_", path.stem, flags=re.ASCII)
     if not re.match(r"[A-Za-z]", name):
-        raise UserError(
-            "does not begin with a letter, but names in it must", file=path, remedy="Give another file name."
-        )
+        remedy = "Give another file name."
+        raise UserError("does not begin with a letter, but names in it must", file=path, remedy=remedy)
     write_text(path, text(f"controller{path.suffix}.j2", **_content(controller, name)))
 
 

@@ -33,9 +33,8 @@ def need_template(template: str) -> None:
     """
     for name in (template, STYLE):
         if not reading.is_file(folder() / name):
-            raise UserError(
-                "the template of the page is missing", file=folder() / name, remedy="Install simgap again, whole."
-            )
+            remedy = "Install simgap again, whole."
+            raise UserError("the template of the page is missing", file=folder() / name, remedy=remedy)
 
 
 def described(picture: str, alt: str) -> str:

@@ -130,12 +130,9 @@ def affordable(context: Context, found: list[StageCost]) -> None:
         if over_memory or over_time:
             needs = [f"about {size(cost.bytes)}"] * over_memory + [f"about {duration(cost.seconds)}"] * over_time
             has = [size(budget.bytes)] * over_memory + [duration(3600.0 * budget.time)] * over_time
-            raise UserError(
-                f"{cost.count:,} {cost.of} need {' and '.join(needs)}; the budget is {' and '.join(has)}",
-                file=context.path,
-                key=cost.key,
-                remedy=f"Ask for less there, or raise budget.{'memory' if over_memory else 'time'}.",
-            )
+            problem = f"{cost.count:,} {cost.of} need {' and '.join(needs)}; the budget is {' and '.join(has)}"
+            remedy = f"Ask for less there, or raise budget.{'memory' if over_memory else 'time'}."
+            raise UserError(problem, file=context.path, key=cost.key, remedy=remedy)
 
 
 def _samples(context: Context, rollout: float, eps: float | None, startup: float) -> Iterator[StageCost]:

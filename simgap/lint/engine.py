@@ -340,7 +340,6 @@ def model_file(context: Context) -> ModelFile | None:
             if mesh.startswith("package://"):
                 continue  # found through the paths of a ROS installation, if at all
             if not any(map(reading.is_file, places_of(file.path, mesh))):
-                raise UserError(
-                    "the mesh does not exist", file=file.path, key=f"mesh '{mesh}'", remedy="Correct its path."
-                )
+                remedy = "Correct its path."
+                raise UserError("the mesh does not exist", file=file.path, key=f"mesh '{mesh}'", remedy=remedy)
     return read[-1] if read else None

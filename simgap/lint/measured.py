@@ -98,9 +98,8 @@ def refuse_unknown(section: MeasuredSection, model: SymbolicModel) -> None:
     for k, name in enumerate(section.known):
         if name not in model.named_parameters:
             listed = ", ".join(model.named_parameters) or "it has none"
-            raise UserError(
-                f"the plant has no parameter '{name}'", key=f"measured.known.{k}", remedy=f"Parameters: {listed}."
-            )
+            remedy = f"Parameters: {listed}."
+            raise UserError(f"the plant has no parameter '{name}'", key=f"measured.known.{k}", remedy=remedy)
 
 
 def _refuse_conditions(section: MeasuredSection, model: SymbolicModel) -> None:
@@ -119,10 +118,9 @@ def refuse_links(context: Context, section: MeasuredSection) -> None:
     if not section.payloads:
         return
     if tree is None or context.plant.declared.derived:
-        raise UserError(
-            "payloads are found on arms of three joints or more alone", key="measured.payloads",
-            remedy="Remove them; what differs from file to file can be named under measured.conditions.",
-        )  # fmt: skip
+        problem = "payloads are found on arms of three joints or more alone"
+        remedy = "Remove them; what differs from file to file can be named under measured.conditions."
+        raise UserError(problem, key="measured.payloads", remedy=remedy)
     for k, payload in enumerate(section.payloads):
         if payload.link not in tree.links:
             raise UserError(
@@ -139,10 +137,9 @@ def refuse_arm_conditions(section: MeasuredSection) -> None:
     """
     for key in ("conditions", "conditions_from"):
         if getattr(section, key):
-            raise UserError(
-                "a diagnosis of three joints or more knows no such conditions", key=f"measured.{key}",
-                remedy="Remove them; weights that were mounted can be named under measured.payloads.",
-            )  # fmt: skip
+            problem = "a diagnosis of three joints or more knows no such conditions"
+            remedy = "Remove them; weights that were mounted can be named under measured.payloads."
+            raise UserError(problem, key=f"measured.{key}", remedy=remedy)
 
 
 def _refuse_columns(context: Context, section: MeasuredSection, channels: Sequence[Channel], path: Path) -> None:
@@ -151,10 +148,9 @@ def _refuse_columns(context: Context, section: MeasuredSection, channels: Sequen
     header, units = read_header(path, name)
     if section.time.column not in header and kind_of(path) != "mcap":  # its messages have stamps
         listed = ", ".join(f"'{column}'" for column in header)
-        raise UserError(
-            f"'{name}' has no time column '{section.time.column}', it has {listed}", file=context.path,
-            key="measured.time.column", remedy="Name its column of time stamps.",
-        )  # fmt: skip
+        problem = f"'{name}' has no time column '{section.time.column}', it has {listed}"
+        remedy = "Name its column of time stamps."
+        raise UserError(problem, file=context.path, key="measured.time.column", remedy=remedy)
     measured_columns(name, header, units, channels)
 
 

@@ -187,12 +187,8 @@ def _paths(context: Context, section: MeasuredSection, data: Sequence[Path]) -> 
     if data:
         return [found for path in data for _, found in matching_files(Path(), [str(path)], typed=True)]
     if not section.files:
-        raise UserError(
-            "no data are given",
-            file=context.path,
-            key="measured.files",
-            remedy="Name CSV, Parquet, JSON or MCAP files on the command line or here.",
-        )
+        remedy = "Name CSV, Parquet, JSON or MCAP files on the command line or here."
+        raise UserError("no data are given", file=context.path, key="measured.files", remedy=remedy)
     check_measured(context)
     return named_recordings(context.path, section.files)
 
@@ -295,10 +291,8 @@ def _drive(context: Context, joint: str) -> str:
     """
     found = [name for name, i in context.case.plant.inputs.items() if i.joint == joint]
     if len(found) != 1:
-        raise UserError(
-            f"joint '{joint}' has {len(found)} inputs", key="plant.inputs",
-            remedy="An arm of three joints or more is diagnosed from the measured torque of each joint: name one each.",
-        )  # fmt: skip
+        remedy = "An arm of three joints or more is diagnosed from the measured torque of each joint: name one each."
+        raise UserError(f"joint '{joint}' has {len(found)} inputs", key="plant.inputs", remedy=remedy)
     return found[0]
 
 
@@ -307,14 +301,11 @@ def _payloads(section: MeasuredSection, reading: Reading) -> tuple[Payload, ...]
     for k, p in enumerate(section.payloads):
         traces = tuple(n for n, (file, _) in reading.origins.items() if same_file(p.file, file))
         if not traces:
-            raise UserError(
-                f"'{p.file}' is not among the data", key=f"measured.payloads.{k}.file", remedy="Name one of the files."
-            )
+            remedy = "Name one of the files."
+            raise UserError(f"'{p.file}' is not among the data", key=f"measured.payloads.{k}.file", remedy=remedy)
         if set(traces) <= set(reading.held_out):
-            raise UserError(
-                f"'{p.file}' is held out, so that nothing says what its payload is", key=f"measured.payloads.{k}.file",
-                remedy="Hold out a different file.",
-            )  # fmt: skip
+            problem = f"'{p.file}' is held out, so that nothing says what its payload is"
+            raise UserError(problem, key=f"measured.payloads.{k}.file", remedy="Hold out a different file.")
         found.append(Payload(traces, p.link, p.mass))
     return tuple(found)
 
@@ -329,10 +320,9 @@ def _known(context: Context, tree: Tree, inputs: Sequence[str]) -> dict[str, Flo
     for k, e in enumerate(context.plant.effects):
         places = inputs if effect(e.name).kind == "input" else tree.joints
         if e.name not in (*TERMS, "input_gain") or e.on not in places:
-            raise UserError(
-                f"the effect '{e.name}' on '{e.on}' cannot be in the model of an arm of {tree.size} joints",
-                key=f"plant.effects.{k}", remedy=f"Known on its joints and inputs: {', '.join(TERMS)}, input_gain.",
-            )  # fmt: skip
+            problem = f"the effect '{e.name}' on '{e.on}' cannot be in the model of an arm of {tree.size} joints"
+            remedy = f"Known on its joints and inputs: {', '.join(TERMS)}, input_gain."
+            raise UserError(problem, key=f"plant.effects.{k}", remedy=remedy)
         (p,) = effect(e.name).parameters
         values, at = known.setdefault(e.name, np.full(tree.size, p.null)), list(places).index(e.on)
         values[at] = values[at] * e.values[p.symbol] if p.null else values[at] + e.values[p.symbol]

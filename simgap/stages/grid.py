@@ -59,9 +59,8 @@ def grid(context: Context, name: str) -> Points:
         return Points(name, covering_grid(context.case, context.box, name).centres(), context.input_set)
     hidden = context.need(context.case.hidden_state, "hidden_state")
     if name not in (HISTORIES, EVERY_HISTORY):
-        raise UserError(
-            f"'{name[:40]}' is not a point of a case with a hidden state", remedy=f"Use {HISTORIES} or {EVERY_HISTORY}."
-        )
+        remedy = f"Use {HISTORIES} or {EVERY_HISTORY}."
+        raise UserError(f"'{name[:40]}' is not a point of a case with a hidden state", remedy=remedy)
     values = [context.domain.U[n].list() for n in context.inputs]
     declared = [hidden.previous[n] for n in context.inputs]
     counts = [len(own) for own in values] if name == EVERY_HISTORY else declared

@@ -164,10 +164,9 @@ def _corrected(context: Context, inputs: ReportFiles, gap: GapFunction) -> Corre
     bound, summary = inputs.corrected_gap, inputs.corrected_summary
     nominal, gap_aware = inputs.corrected_nominal, inputs.corrected_gap_aware
     if bound is None or summary is None or nominal is None or gap_aware is None:
-        raise UserError(
-            "the corrected case needs its bound, its summary and both controllers", file=inputs.corrected,
-            remedy="Give --corrected-gap, --corrected-summary, --corrected-nominal and --corrected-gap-aware.",
-        )  # fmt: skip
+        problem = "the corrected case needs its bound, its summary and both controllers"
+        remedy = "Give --corrected-gap, --corrected-summary, --corrected-nominal and --corrected-gap-aware."
+        raise UserError(problem, file=inputs.corrected, remedy=remedy)
     later = Context.load(inputs.corrected)
     paths = {NOMINAL: nominal, GAP_AWARE: gap_aware}
     controllers = {kind: load_controller_of(path, later, whole=False) for kind, path in paths.items()}

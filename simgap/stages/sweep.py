@@ -48,9 +48,8 @@ def checked_points(path: Path) -> tuple[Path, list[Point]]:
             affordable(context, costs(context))
         except UserError as error:
             values = ", ".join(f"{key} = {value}" for key, value in point.values.items())
-            raise UserError(
-                f"the point {values}: {error.problem}", file=path, key=error.key, remedy=error.remedy
-            ) from None
+            remedy = error.remedy
+            raise UserError(f"the point {values}: {error.problem}", file=path, key=error.key, remedy=remedy) from None
     return base, points
 
 

@@ -245,11 +245,8 @@ def _first_input(context: Context, named: dict[str, float]) -> int:
         UserError: one that is not in U.
     """
     if sorted(named) != sorted(context.inputs):
-        raise UserError(
-            f"the first input names {', '.join(named)}",
-            key="sensing.first_input",
-            remedy=f"Give a value for each of {', '.join(context.inputs)}",
-        )
+        remedy = f"Give a value for each of {', '.join(context.inputs)}"
+        raise UserError(f"the first input names {', '.join(named)}", key="sensing.first_input", remedy=remedy)
     off = np.abs(context.input_set - [named[name] for name in context.inputs]).max(axis=1)
     if off.min() > FIRST_INPUT:
         raise UserError(f"{named} is not in U", key="sensing.first_input", remedy="Take one of the inputs of domain.U")

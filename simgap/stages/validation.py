@@ -210,10 +210,8 @@ def given_start(context: Context, controller: Controller, number: int, named: di
     """One start of the case as a state, (nx,)."""
     key = f"validation.first[{number}]"
     if sorted(named) != sorted(context.states):
-        raise UserError(
-            f"the start names {', '.join(named) or 'no state'}", key=key,
-            remedy=f"Give a value for each of {', '.join(context.states)}.",
-        )  # fmt: skip
+        remedy = f"Give a value for each of {', '.join(context.states)}."
+        raise UserError(f"the start names {', '.join(named) or 'no state'}", key=key, remedy=remedy)
     for name in context.states:
         lo, hi = context.domain.X[name]
         if not lo <= named[name] <= hi:
@@ -223,10 +221,8 @@ def given_start(context: Context, controller: Controller, number: int, named: di
             )  # fmt: skip
     x = np.array([named[name] for name in context.states])
     if not controller.contains(x[None])[0]:
-        raise UserError(
-            f"the controller promises nothing from the start {named}: it is not in the winning domain", key=key,
-            remedy="Move it away from obstacles and walls, or remove it.",
-        )  # fmt: skip
+        problem = f"the controller promises nothing from the start {named}: it is not in the winning domain"
+        raise UserError(problem, key=key, remedy="Move it away from obstacles and walls, or remove it.")
     return x
 
 

@@ -79,9 +79,8 @@ def read_mcap(path: Path, wanted: Sequence[str], file: str) -> RawTable:
             first = max(first, int(np.searchsorted(stamps, one.stamps[0])))
             columns |= {name: values[np.maximum(at, 0)] for name, values in one.columns.items()}
             if one.stamps[-1] < stamps[0] and any(np.ptp(values) > 0.0 for values in one.columns.values()):
-                raise UserError(
-                    f"has no joint state before the last message of '{excerpt(topic, 60)}'", remedy=_ONE_CLOCK
-                )
+                problem = f"has no joint state before the last message of '{excerpt(topic, 60)}'"
+                raise UserError(problem, remedy=_ONE_CLOCK)
     if first >= len(stamps):
         raise UserError("has no joint state after the first command", remedy=_ONE_CLOCK)
     kept = {name: np.ascontiguousarray(columns[name][first:]) for name in chosen}
@@ -144,10 +143,8 @@ def _instants(stamps: Ints, logged: Ints, topic: str) -> Ints:
     late = np.flatnonzero(stamps[order][first_set:] == 0)
     if late.size or (first_set and stamps[order][first_set] >= _SIMULATED_NS):
         k = int(order[first_set + late[0] if late.size else 0]) + 1
-        raise UserError(
-            f"message {k} of '{excerpt(topic, 60)}' has no stamp in its header, others have",
-            remedy="Let the driver set header.stamp in every message, or in none: when it was logged counts then.",
-        )
+        remedy = "Let the driver set header.stamp in every message, or in none: when it was logged counts then."
+        raise UserError(f"message {k} of '{excerpt(topic, 60)}' has no stamp in its header, others have", remedy=remedy)
     return stamps
 
 
@@ -157,10 +154,8 @@ def _in_order(stamps: Ints, logged: Ints, topic: str) -> tuple[NDArray[np.intp],
     order = np.argsort(logged, kind="stable")
     back = np.maximum.accumulate(stamps[order]) - stamps[order]
     if back.max() > _BACK_NS:
-        raise UserError(
-            f"the clock of '{excerpt(topic, 60)}' goes back by {back.max() / 1e9:.3g} s",
-            remedy="Cut it there (`mcap filter`): each start of the clock is a recording of its own.",
-        )
+        remedy = "Cut it there (`mcap filter`): each start of the clock is a recording of its own."
+        raise UserError(f"the clock of '{excerpt(topic, 60)}' goes back by {back.max() / 1e9:.3g} s", remedy=remedy)
     overtaken = int(np.sum(back > 0))
     note = (
         f"{overtaken:,} of {len(stamps):,} messages of '{excerpt(topic, 60)}' "
@@ -312,9 +307,8 @@ def opened_bag(path: Path) -> Iterator[Bag]:
     except (UserError, MemoryError):
         raise
     except Exception as error:  # the libraries raise their own, struct's, zstandard's and lz4's
-        raise UserError(
-            f"cannot be read as MCAP ({excerpt(str(error) or type(error).__name__, 120)})", remedy=_DAMAGED
-        ) from None
+        problem = f"cannot be read as MCAP ({excerpt(str(error) or type(error).__name__, 120)})"
+        raise UserError(problem, remedy=_DAMAGED) from None
 
 
 def _topics(summary: Any) -> tuple[dict[str, str], dict[str, set[int]]]:
@@ -331,10 +325,8 @@ def _topics(summary: Any) -> tuple[dict[str, str], dict[str, set[int]]]:
             continue
         if (channel.message_encoding, schema.encoding) != ("cdr", "ros2msg"):
             others = excerpt(f"{channel.message_encoding}, {schema.encoding}", 40)
-            raise UserError(
-                f"'{excerpt(topic, 60)}' is not in messages of ROS 2 (cdr, ros2msg) but in others ({others})",
-                remedy="Convert it to ROS 2 messages.",
-            )
+            problem = f"'{excerpt(topic, 60)}' is not in messages of ROS 2 (cdr, ros2msg) but in others ({others})"
+            raise UserError(problem, remedy="Convert it to ROS 2 messages.")
         if len(schema.data) > _DEFINITION:
             raise UserError(
                 f"the definition of {schema.name} for '{excerpt(topic, 60)}' has {len(schema.data):,} bytes, more than "
@@ -344,8 +336,6 @@ def _topics(summary: Any) -> tuple[dict[str, str], dict[str, set[int]]]:
         channels.setdefault(topic, set()).add(number)
     if not any(kind in JOINTS for kind in kinds.values()):
         listed = excerpt(", ".join(f"{topic} ({kind})" for topic, kind in types.items()), 200)
-        raise UserError(
-            f"has no topic of joint states, only {listed or 'none'}",
-            remedy="Record a sensor_msgs/JointState, such as /joint_states.",
-        )
+        remedy = "Record a sensor_msgs/JointState, such as /joint_states."
+        raise UserError(f"has no topic of joint states, only {listed or 'none'}", remedy=remedy)
     return kinds, channels

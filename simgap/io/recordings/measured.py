@@ -85,10 +85,9 @@ def condition_channels(model: SymbolicModel, section: MeasuredSection) -> tuple[
     found = []
     for name, column in section.conditions_from.items():
         if column.column == section.time.column:
-            raise UserError(
-                f"'{column.column}' is the column of time stamps",
-                key=f"measured.conditions_from.{name}.column", remedy="Name one that holds the parameter.",
-            )  # fmt: skip
+            problem = f"'{column.column}' is the column of time stamps"
+            remedy = "Name one that holds the parameter."
+            raise UserError(problem, key=f"measured.conditions_from.{name}.column", remedy=remedy)
         unit = model.parameters[name].unit
         _refuse_unit(f"measured.conditions_from.{name}", unit, column.unit)
         found.append(

@@ -207,9 +207,8 @@ def _labels(column: Any, name: str) -> Any:
     try:
         return np.asarray(column.cast(pa.string()).to_pylist(), dtype=np.str_)
     except (pa.ArrowException, UnicodeDecodeError):
-        raise UserError(
-            f"{name} holds {excerpt(column.type)}, not names of traces", remedy="Write plain text."
-        ) from None
+        remedy = "Write plain text."
+        raise UserError(f"{name} holds {excerpt(column.type)}, not names of traces", remedy=remedy) from None
 
 
 def _unit(field: Any) -> str | None:
@@ -217,9 +216,8 @@ def _unit(field: Any) -> str | None:
     try:
         return stored.decode() if stored else None
     except UnicodeDecodeError:
-        raise UserError(
-            f"the unit of column '{field.name}' is not UTF-8 text", remedy="Write it as text, such as rad."
-        ) from None
+        remedy = "Write it as text, such as rad."
+        raise UserError(f"the unit of column '{field.name}' is not UTF-8 text", remedy=remedy) from None
 
 
 def parquet_schema(path: Path) -> Any:

@@ -319,10 +319,8 @@ def _samples(content: Any) -> Samples:
     constants = _flat(content, "beside the samples", lists)
     records = [name for name, values in lists.items() if values and isinstance(values[0], dict | _Twice)]
     if len(records) > 1:
-        raise UserError(
-            f"holds two lists of samples, '{excerpt(records[0], 40)}' and '{excerpt(records[1], 40)}'",
-            remedy="Give each a file of its own.",
-        )
+        problem = f"holds two lists of samples, '{excerpt(records[0], 40)}' and '{excerpt(records[1], 40)}'"
+        raise UserError(problem, remedy="Give each a file of its own.")
     if records:
         return Samples(constants, _rows(enumerate(lists[records[0]], 1), "row"))
     if not lists:
