@@ -47,10 +47,8 @@ def read_recording(path: Path, wanted: Iterable[str], time: str, trace: str, nam
     with placed(file=file):
         _refuse_no_file(path, file)
         kind = kind_of(path)
-        if kind not in ("parquet", "mcap"):
-            reading.checked(
-                path, 4 * reading.MOST
-            )  # its columns are held: none is hashed that is larger than the memory
+        if kind not in ("parquet", "mcap"):  # its columns are held: none is hashed that is larger than the memory
+            reading.checked(path, 4 * reading.MOST)
         sha256, wanted = reading.sha256(path), list(wanted)
         raw = read_mcap(path, wanted, file) if kind == "mcap" else _read_table(kind, path, wanted, time, trace, file)
         if reading.sha256(path) != sha256:

@@ -33,13 +33,17 @@ from simgap.io.rerun.recording import (
     PlanarScene,
     curves,
     finite,
+    lean,
+    log_scene,
     plot,
     recording_file,
     rgb,
+    robot_name,
     root,
     share_of_bound,
+    stance,
+    viewed,
 )
-from simgap.io.rerun.scene import lean, log_scene, robot_name, stance, viewed
 from simgap.io.traces import GAP_AWARE, NOMINAL, SIMULATOR, TITLES, Trace, cut_short, first_seconds, twin
 from simgap.late import rerun as rr
 from simgap.late import rerun_blueprint as rrb
