@@ -24,8 +24,8 @@ from hostile.recordings import CSV
 
 RESULT = ROOT / "benchmarks/results/fuzz_guided.json"
 FOLLOWED = ["simgap.config.load", "simgap.config.load", "simgap.model.expressions", "simgap.model.tree",
-            "simgap.plants.urdf_checks", "simgap.io.documents", "simgap.io.recordings.text_file",
-            "simgap.io.recordings.tables", "simgap.io.parquet", "simgap.units"]  # fmt: skip
+            "simgap.plants.urdf_checks", "simgap.io.results", "simgap.io.recordings.text_file",
+            "simgap.io.recordings.tables", "simgap.units"]  # fmt: skip
 """Modules whose lines are followed: pure Python, for compiled kernels cannot be."""
 EXPRESSIONS = (b"-m*g*l*sin(x)/I - b*y", b"max(1, x^2) + min(y, 3)", b"atan(x/(1 + abs(y)))")
 
@@ -45,8 +45,8 @@ def whole() -> dict[str, list[bytes]]:
 def readers(folder: Path) -> Mapping[str, Callable[[bytes], object]]:
     """What reads the bytes of an input."""
     from simgap.config.load import load_case
-    from simgap.io.documents import read_json
     from simgap.io.recordings.tables import read_recording
+    from simgap.io.results import read_json
     from simgap.model.expressions import parse
     from simgap.plants.urdf_checks import check_urdf
 

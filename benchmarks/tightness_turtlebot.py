@@ -30,7 +30,7 @@ from simgap.gap.fitting.scenario import Design, solve_scenario
 from simgap.gap.memory.hidden_state import hull
 from simgap.gap.sampling.points import AFTER_PREVIOUS, body_samples
 from simgap.gap.sampling.samples import steps_of
-from simgap.io.documents import read_json
+from simgap.io.results import read_json
 from simgap.plants.context import Context, pose_axes
 from simgap.stages.gap_inputs import read_samples
 from simgap.stages.synthesis import pose_problem

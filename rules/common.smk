@@ -162,6 +162,20 @@ def flagged(flag, paths):
     ]
 
 
+def options(*others):
+    """Every input but these with its flag, which is its name, as words of the command; files that a case lacks have none."""
+
+    def words(wildcards, input):
+        return [
+            word
+            for name, files in input.items()
+            if name not in ("case", *others)
+            for word in flagged(f"--{name.replace('_', '-')}", files)
+        ]
+
+    return words
+
+
 def sweep_points(case):
     """The case's own point and those of the sweep over eps."""
     return points_of(

@@ -5,12 +5,6 @@
 TRIALS = {"": "plain", "full/": "full", "deep/": "deep"}
 
 
-def gap_option(wildcards, input):
-    if wildcards.kind == "baseline":
-        return ["--baseline"]
-    return ["--gap", input.gap] if wildcards.kind == "gap" else []
-
-
 def baseline_file(name):
     """What is made of the controller that checks its model between samples, where the case wants one."""
 
@@ -48,12 +42,13 @@ rule synthesis:
         runtime=30,
     params:
         **of_stage("synthesis"),
-        gap=gap_option,
+        files=options(),
+        baseline=lambda w: ["--baseline"] if w.kind == "baseline" else [],
     message:
         "{wildcards.case}: controller for the {wildcards.kind} model"
     shell:
-        "simgap synthesis {params.case:q} {params.gap:q} --out {output.controller:q} --summary {output.summary:q}"
-        " --workers {threads} --log {log:q}"
+        "simgap synthesis {params.case:q} {params.files:q} {params.baseline:q}"
+        " --out {output.controller:q} --summary {output.summary:q} --workers {threads} --log {log:q}"
 
 
 rule validation:
@@ -77,21 +72,20 @@ rule validation:
         runtime=60,
     params:
         **of_stage("validation"),
-        baseline=lambda w, input: flagged("--baseline", input.baseline),
+        files=options(),
         trials=lambda w: TRIALS[w.tier],
     message:
         "{wildcards.case}: both controllers in closed loop ({params.trials} trials, {threads} at a time)"
     shell:
-        "simgap validation {params.case:q} --nominal {input.nominal:q} --gap-aware {input.gap_aware:q} --gap {input.gap:q}"
-        " {params.baseline:q} --out {output.summary:q} --traces {output.traces:q} --trials {params.trials}"
-        " --workers {threads} --log {log:q}"
+        "simgap validation {params.case:q} {params.files:q} --out {output.summary:q} --traces {output.traces:q}"
+        " --trials {params.trials} --workers {threads} --log {log:q}"
 
 
 rule audit:
     input:
         case=correction,
         gap=lambda w: f"{gap_folder(w)}/gap.json",
-        gap_aware="results/{case}/synthesis/gap/controller.npz",
+        controller="results/{case}/synthesis/gap/controller.npz",
         rollouts=known_samples,
         fresh=lambda w: f"results/{simulated(w.case, 'fresh')}/fresh/samples.parquet",
         after=ancient("results/{case}/validation/validation.json"),
@@ -111,13 +105,12 @@ rule audit:
         **of_stage("audit"),
         witness=lambda w: f"results/{w.case}/{w.tier}audit/witness.json",
         trials=lambda w: TRIALS[w.tier],
-        shards=lambda w, input: flagged("--rollouts", input.rollouts),
+        files=options("after"),
     message:
         "{wildcards.case}: an adversary against bound and controller ({params.trials} trials, {threads} at a time)"
     shell:
-        "simgap audit {params.case:q} --gap {input.gap:q} --controller {input.gap_aware:q} {params.shards:q}"
-        " --fresh {input.fresh:q} --out {output.counts:q} --margins {output.margins:q} --witness {params.witness:q}"
-        " --trials {params.trials} --workers {threads} --log {log:q}"
+        "simgap audit {params.case:q} {params.files:q} --out {output.counts:q} --margins {output.margins:q}"
+        " --witness {params.witness:q} --trials {params.trials} --workers {threads} --log {log:q}"
 
 
 def own_shards(wildcards):
@@ -142,12 +135,11 @@ rule twin:
         runtime=30,
     params:
         **of_stage("twin"),
-        shards=lambda w, input: flagged("--rollouts", input.rollouts),
+        files=options(),
     message:
         "{wildcards.case}: the simulator held against the engine that it stands for"
     shell:
-        "simgap twin {params.case:q} {params.shards:q} --fresh {input.fresh:q} --traces {input.traces:q}"
-        " --out {output:q} --log {log:q}"
+        "simgap twin {params.case:q} {params.files:q} --out {output:q} --log {log:q}"
 
 
 rule trace:
@@ -168,8 +160,8 @@ rule trace:
         runtime=10,
     params:
         **of_stage("trace"),
+        files=options(),
     message:
         "{wildcards.case}: recording of both controllers for Rerun"
     shell:
-        "simgap trace {params.case:q} --nominal {input.nominal:q} --gap-aware {input.gap_aware:q} --traces {input.traces:q}"
-        " --out {output:q} --log {log:q}"
+        "simgap trace {params.case:q} {params.files:q} --out {output:q} --log {log:q}"

@@ -36,13 +36,11 @@ rule scp:
     params:
         **of_stage("scp"),
         grid=grid_folder,
-        shards=lambda w, input: flagged("--rollouts", input.rollouts),
-        borders=lambda w, input: flagged("--borders", input.borders),
+        files=options("grid"),
     message:
         "{wildcards.case}: scenario programs, {wildcards.point}"
     shell:
-        "simgap scp {params.case:q} --grid {params.grid:q} {params.shards:q}"
-        " {params.borders:q} --out {output:q} --log {log:q}"
+        "simgap scp {params.case:q} --grid {params.grid:q} {params.files:q} --out {output:q} --log {log:q}"
 
 
 rule lipschitz:
@@ -63,12 +61,11 @@ rule lipschitz:
     params:
         **of_stage("lipschitz"),
         grid=grid_folder,
-        shards=lambda w, input: flagged("--rollouts", input.rollouts),
+        files=options("grid"),
     message:
         "{wildcards.case}: Lipschitz constants, {wildcards.point}"
     shell:
-        "simgap lipschitz {params.case:q} --grid {params.grid:q} {params.shards:q}"
-        " --out {output:q} --log {log:q}"
+        "simgap lipschitz {params.case:q} --grid {params.grid:q} {params.files:q} --out {output:q} --log {log:q}"
 
 
 rule gap:
@@ -95,11 +92,9 @@ rule gap:
     params:
         **of_stage("gap"),
         grid=grid_folder,
-        shards=lambda w, input: flagged("--rollouts", input.rollouts),
-        drawn=lambda w, input: flagged("--calibration", input.calibration),
-        borders=lambda w, input: flagged("--borders", input.borders),
+        files=options("grid"),
     message:
         "{wildcards.case}: dimensions put together, padded and checked on fresh samples, {wildcards.point}"
     shell:
-        "simgap gap {params.case:q} --grid {params.grid:q} {params.shards:q} --scp {input.scp:q} --lipschitz {input.lipschitz:q}"
-        " --fresh {input.fresh:q} {params.drawn:q} {params.borders:q} --out {output.gap:q} --samples {output.samples:q} --log {log:q}"
+        "simgap gap {params.case:q} --grid {params.grid:q} {params.files:q}"
+        " --out {output.gap:q} --samples {output.samples:q} --log {log:q}"

@@ -72,17 +72,6 @@ def twin_file(wildcards):
     return f"results/{wildcards.case}/twin/twin.json" if stands else []
 
 
-def report_options(wildcards, input):
-    """Every file of the page with its flag, which is its name; files that a case lacks have none."""
-    later = flagged("--later", "../report.html") if wildcards.tier == FIRST else []
-    return later + [
-        word
-        for name, files in input.items()
-        if name != "case"
-        for word in flagged(f"--{name.replace('_', '-')}", files)
-    ]
-
-
 rule report:
     input:
         gap=gap_files,
@@ -132,12 +121,13 @@ rule report:
     params:
         **of_stage("report"),
         templates=TEMPLATES,
-        files=report_options,
+        files=options(),
+        later=lambda w: ["--later", "../report.html"] if w.tier == FIRST else [],
         which=lambda w: PAGES[w.tier],
     message:
         "{wildcards.case}: {params.which}"
     shell:
-        "simgap report {params.case:q} {params.files:q}"
+        "simgap report {params.case:q} {params.later:q} {params.files:q}"
         " --picture {output.picture:q} --figures {output.figures:q}"
         " --out {output.page:q} --summary {output.summary:q} --log {log:q}"
 

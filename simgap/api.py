@@ -16,8 +16,8 @@ from simgap.config.load import load_case
 from simgap.errors import SimgapError
 from simgap.extras.wizard import new_case as _new
 from simgap.gap.bounds.function import GapFunction
-from simgap.io.documents import read_json
 from simgap.io.gap_file import load_gap as _load_gap
+from simgap.io.results import read_json
 from simgap.plants.context import Context
 from simgap.stages import check as _check
 from simgap.stages.check import Checked

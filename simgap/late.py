@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     import pyarrow.compute as pyarrow_compute
     import pyarrow.csv as pyarrow_csv
     import pyarrow.parquet as pyarrow_parquet
+    import rerun
+    import rerun.blueprint as rerun_blueprint
     import scipy
     import sympy
     from numba import njit
@@ -31,6 +33,8 @@ __all__ = [
     "pyarrow_compute",
     "pyarrow_csv",
     "pyarrow_parquet",
+    "rerun",
+    "rerun_blueprint",
     "scipy",
     "sympy",
 ]
@@ -85,10 +89,9 @@ def interpreted(module: ModuleType) -> SimpleNamespace:
 
 
 if not TYPE_CHECKING:
-    numba, pyarrow, scipy, sympy = (_Library(name) for name in ("numba", "pyarrow", "scipy", "sympy"))
-    pyarrow_compute, pyarrow_csv, pyarrow_parquet = (
-        _Library(f"pyarrow.{name}") for name in ("compute", "csv", "parquet")
-    )
+    numba, pyarrow, rerun, scipy, sympy = map(_Library, ("numba", "pyarrow", "rerun", "scipy", "sympy"))
+    pyarrow_compute, pyarrow_csv, pyarrow_parquet = map(_Library, ("pyarrow.compute", "pyarrow.csv", "pyarrow.parquet"))
+    rerun_blueprint = _Library("rerun.blueprint")
 
     def njit(*signature: Any, **options: Any) -> Any:
         """Kernel as `numba.njit` makes it, with and without arguments."""

@@ -19,8 +19,7 @@ from typing import Any
 from simgap import plugins, reading
 from simgap.cache import PACKAGE, cache_folder, sources, whole_file
 from simgap.config.case import Case
-from simgap.config.function_file import FunctionFile
-from simgap.config.model_files import KEYS, named_by
+from simgap.config.named_files import KEYS, FunctionFile, named_by
 from simgap.config.plugged import used_plugins
 from simgap.config.reads import CLOSED_FORM, COPIED, EVERY_EFFECT, OWN_FORMAT, READS, SIMULATED, TRANSLATED
 from simgap.errors import UserError, excerpt

@@ -95,17 +95,17 @@ def opened_text(path: Path, encoding: str = "utf-8", errors: str = "strict", new
     return io.TextIOWrapper(opened(path), encoding, errors, newline)
 
 
-def lines(path: Path, file: str, most: int = MOST_LINE, errors: str = "strict") -> Iterator[str]:
+def lines(path: Path, most: int = MOST_LINE, errors: str = "strict") -> Iterator[str]:
     """The lines of a UTF-8 text, of which one is held at a time.
 
     Raises:
-        UserError: as `opened`, and a line of more than `most` characters; named `file`.
+        UserError: as `opened`, and a line of more than `most` characters, without file.
     """
     with opened_text(path, "utf-8-sig", errors) as stream:
         for number in itertools.count(1):
             line = stream.readline(most + 1)
             if len(line) > most:
-                raise UserError(f"has a line of more than {most} characters", file=file, key=f"line {number}")
+                raise UserError(f"has a line of more than {most} characters", key=f"line {number}")
             if not line:
                 return
             yield line

@@ -13,10 +13,9 @@ from simgap.config.load import load_case
 from simgap.config.measured import matching_files
 from simgap.errors import UserError
 from simgap.io.controller_file import load_controller
-from simgap.io.documents import MOST, read_json
 from simgap.io.gap_file import load_gap
-from simgap.io.parquet import read_parquet
 from simgap.io.recordings.tables import read_recording
+from simgap.io.results import MOST, read_json, read_parquet
 from simgap.plants.model_file import read_model_file
 
 PACKAGE = Path(reading.__file__).parent
@@ -30,7 +29,7 @@ OWN = {
     "cache.py": "its own sources, before the package is imported",
     "cli/start.py": "what check counted, in a process that imports nothing of simgap",
     "io/atomic.py": "its own temporary file",
-    "io/parquet.py": "its own temporary file",
+    "io/results.py": "its own temporary file",
     "io/rerun/scene.py": "its `open` opens no file",
     "io/runs.py": "a lock",
     "extras/engines/fmu.py": "a lock on its own folder",

@@ -15,7 +15,7 @@ from hostile.damage import altered, damaged
 
 def read_result(rng: random.Random, folder: Path) -> None:
     """A damaged JSON result: refused, or the same content."""
-    from simgap.io.documents import read_json, write_json
+    from simgap.io.results import read_json, write_json
 
     path, whole = folder / "a.json", {"kind": "linear", "eps": 0.0056, "gap": {"x": [7.6e-7, "x", None, {"a": [1, 2]}]}}
     if not (folder / "whole.json").exists():
@@ -27,7 +27,7 @@ def read_result(rng: random.Random, folder: Path) -> None:
 
 def read_table(rng: random.Random, folder: Path) -> None:
     """A damaged table of simgap's own: refused, or the same content."""
-    from simgap.io.parquet import read_parquet, table, write_parquet
+    from simgap.io.results import read_parquet, table, write_parquet
 
     path, whole = folder / "b.parquet", folder / "whole.parquet"
     if not whole.exists():
@@ -79,7 +79,7 @@ def _gaps() -> tuple[str, ...]:
 def read_controller(rng: random.Random, folder: Path) -> None:
     """A damaged controller, or one that was altered by somebody who can write a checksum."""
     from simgap.io.atomic import sealed
-    from simgap.io.controller_file import load_controller, load_domain, write_arrays
+    from simgap.io.controller_file import load_controller, write_arrays
 
     whole, path = folder / "whole.npz", folder / "a.npz"
     if rng.random() < 0.4:
@@ -95,7 +95,7 @@ def read_controller(rng: random.Random, folder: Path) -> None:
             arrays[name] = _altered_array(arrays[name], rng)
         with sealed(path) as temporary:
             write_arrays(temporary, arrays)
-    rng.choice((load_controller, load_domain))(path)
+    load_controller(path, whole=rng.random() < 0.5)
 
 
 def _altered_array(array: Any, rng: random.Random) -> Any:

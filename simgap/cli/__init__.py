@@ -88,9 +88,8 @@ def _refuse_settings() -> None:
     """
     for name, library in ((".numba_config.yaml", "numba"), ("matplotlibrc", "Matplotlib")):
         if os.path.lexists(name):
-            raise UserError(
-                f"{library} would read its settings from it", file=name, remedy="Move it, or run in another folder."
-            )
+            remedy = "Move it, or run in another folder."
+            raise UserError(f"{library} would read its settings from it", file=name, remedy=remedy)
     not_linked(Path("MUJOCO_LOG.TXT"))
 
 

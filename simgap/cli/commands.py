@@ -53,20 +53,20 @@ def _stage(name: str, help: str, function: str = "run") -> Command:
 
 GROUPS: Mapping[str, Mapping[str, Command]] = {
     "Your robot": {
-        "tutorial": Command("simgap.cli.robot:tutorial"),
-        "new": Command("simgap.cli.robot:new"),
-        "check": Command("simgap.cli.robot:check"),
+        "tutorial": Command("simgap.cli.cases:tutorial"),
+        "new": Command("simgap.cli.cases:new"),
+        "check": Command("simgap.cli.cases:check"),
         "run": Command("simgap.cli.workflow:run", settings=SNAKEMAKE),
-        "propose": Command("simgap.cli.robot:propose"),
-        "refine": Command("simgap.cli.robot:refine"),
+        "propose": Command("simgap.cli.cases:propose"),
+        "refine": Command("simgap.cli.cases:refine"),
         "sweep": Command("simgap.cli.workflow:sweep", settings=SNAKEMAKE),
-        "certify": Command("simgap.cli.robot:certify"),
-        "export": Command("simgap.cli.robot:export"),
+        "certify": Command("simgap.cli.cases:certify"),
+        "export": Command("simgap.cli.cases:export"),
     },
     "Your recordings": {
-        "diagnose": Command("simgap.cli.measured:diagnose"),
-        "next": Command("simgap.cli.measured:next_experiment"),
-        "effects": Command("simgap.cli.measured:effects"),
+        "diagnose": Command("simgap.cli.cases:diagnose"),
+        "next": Command("simgap.cli.cases:next_experiment"),
+        "effects": Command("simgap.cli.cases:effects"),
     },
     "Results": {
         "view": Command("simgap.cli.tools:view"),

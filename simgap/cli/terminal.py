@@ -31,7 +31,7 @@ def say(text: str, err: bool = False) -> None:
 
 def say_json(content: Any) -> None:
     """A result for another program, on stdout."""
-    from simgap.io.documents import plain
+    from simgap.io.results import plain
 
     say(json.dumps(plain(content), indent=1))
 

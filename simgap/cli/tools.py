@@ -155,10 +155,8 @@ def recording_of(what: Path) -> Path:
     folder = what if what.is_dir() else what.parent
     found = next((folder / name for name in RECORDINGS if reading.is_file(folder / name)), None)
     if found is None or not what.exists():
-        raise UserError(
-            "no recording here" if what.exists() else "does not exist", file=what,
-            remedy="Give results/CASE of a case that has run to its end, the --out of a diagnosis, or a .rrd file.",
-        )  # fmt: skip
+        remedy = "Give results/CASE of a case that has run to its end, the --out of a diagnosis, or a .rrd file."
+        raise UserError("no recording here" if what.exists() else "does not exist", file=what, remedy=remedy)
     return found
 
 
@@ -184,10 +182,8 @@ def pictured(file: Path, picture: Path) -> Sequence[str]:
     if displayed():
         return shown
     if shutil.which("xvfb-run") is None:
-        raise UserError(
-            "there is no display here, nor Xvfb to make one in memory", key="--picture",
-            remedy="Debian and Ubuntu: apt install xvfb xauth mesa-vulkan-drivers.",
-        )  # fmt: skip
+        remedy = "Debian and Ubuntu: apt install xvfb xauth mesa-vulkan-drivers."
+        raise UserError("there is no display here, nor Xvfb to make one in memory", key="--picture", remedy=remedy)
     # The pointer stands in the middle of the screen: outside the window, so that it hovers over nothing.
     return ["env", "WGPU_BACKEND=vulkan", "xvfb-run", "-a", "-s", "-screen 0 3600x2400x24", *shown]
 
@@ -201,9 +197,8 @@ def _take(words: Sequence[str], picture: Path) -> None:
     before = picture.stat().st_mtime_ns if picture.exists() else None
     _until_closed(words, LONGEST)
     if not picture.exists() or picture.stat().st_mtime_ns == before:
-        raise UserError(
-            "the viewer did not write a picture", file=picture, remedy=f"Run it to see why: {shlex.join(words)}"
-        )
+        remedy = f"Run it to see why: {shlex.join(words)}"
+        raise UserError("the viewer did not write a picture", file=picture, remedy=remedy)
 
 
 def _until_closed(words: Sequence[str], longest: float | None = None) -> int:

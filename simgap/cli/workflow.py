@@ -26,8 +26,8 @@ from simgap.cli.terminal import say
 from simgap.config.case import Case
 from simgap.errors import SimgapError, UserError
 from simgap.io.atomic import host, no_links_below, write_text
-from simgap.io.documents import read_json
 from simgap.io.pages import render
+from simgap.io.results import read_json
 from simgap.io.runs import LINKED, RUN, runs_in
 
 PACKAGE = reading.real(Path(__file__)).parents[1]
@@ -78,10 +78,8 @@ def run(
     loaded = [load_case(path) for path in files]
     for path, name in zip(files, (case.name for case in loaded), strict=True):
         if path.name != f"{name}.yaml":
-            raise UserError(
-                f"the case is named '{name}' but its file is not", file=path, key="name",
-                remedy=f"Rename the file to {name}.yaml, or the case.",
-            )  # fmt: skip
+            remedy = f"Rename the file to {name}.yaml, or the case."
+            raise UserError(f"the case is named '{name}' but its file is not", file=path, key="name", remedy=remedy)
     (folder, *others) = dict.fromkeys(path.parent for path in files)
     if others:
         raise UserError("is not in the folder of the first case", file=others[0], remedy="Run it by itself.")
@@ -116,11 +114,9 @@ def _refuse_beside(names: set[str]) -> None:
     for other in runs_in(Path()):
         common = sorted(names.intersection(other.cases))
         if other.alive and common:
-            raise UserError(
-                f"another run is working on {', '.join(common)} in this folder: {other}",
-                file=Path(f"results/{common[0]}"),
-                remedy="Wait until it has ended, or type the command in another folder: results go to results/ there.",
-            )
+            problem = f"another run is working on {', '.join(common)} in this folder: {other}"
+            remedy = "Wait until it has ended, or type the command in another folder: results go to results/ there."
+            raise UserError(problem, file=Path(f"results/{common[0]}"), remedy=remedy)
 
 
 def _tell_verdict(case: Case, trials: str) -> None:
@@ -220,9 +216,8 @@ def _status(folder: Path, cases: Sequence[str], cores: int, options: Sequence[st
             interrupted = True
             continue
         if status and interrupted:
-            raise WorkflowFailed(
-                "the run was interrupted. What was finished is kept: the same command continues from there"
-            )
+            problem = "the run was interrupted. What was finished is kept: the same command continues from there"
+            raise WorkflowFailed(problem)
         if status == start.USAGE:  # told
             raise typer.Exit(2)
         return status

@@ -20,9 +20,9 @@ from simgap.units import conversion
 
 
 class Section(BaseModel):
-    """A frozen group of keys of a case file; unknown keys are refused."""
+    """A frozen group of keys of a case file, each with its description below it; unknown keys are refused."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     OPTIONAL: ClassVar[tuple[str, ...]] = ()
     """Keys that are no part of its content while they have their default: results made before they were there hold."""

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import ast
+import inspect
 import json
 import os
+from itertools import pairwise
 from typing import Annotated
 
 from pydantic import Field, model_validator
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
+from pydantic_core.core_schema import ModelSchema
 
 from simgap.config.base import Gibibytes, Hours, Section
 from simgap.config.controller import AuditSection, SensingSection, SynthesisSection, ValidationSection
-from simgap.config.domain import DomainSection
 from simgap.config.gap import GapSection, GridSection, HiddenStateSection, SymmetrySection
 from simgap.config.measured import MeasuredSection
-from simgap.config.plant import PlantSection
+from simgap.config.plant import DomainSection, PlantSection
 from simgap.config.plugged import Plugged
 from simgap.config.simulator import EngineSection, TwinSection
 
@@ -21,10 +25,10 @@ from simgap.config.simulator import EngineSection, TwinSection
 class BudgetSection(Section):
     """Limits that a case is held against before anything runs."""
 
-    memory: Gibibytes | None = Field(
-        None, gt=0, description="Memory limit of one stage, in GiB or with a unit; half of the machine's if not given."
-    )
-    time: Hours = Field(1.0, gt=0, description="Time limit of one stage on one core, in hours or with a unit.")
+    memory: Gibibytes | None = Field(None, gt=0)
+    """Memory limit of one stage, in GiB or with a unit; half of the machine's if not given."""
+    time: Hours = Field(1.0, gt=0)
+    """Time limit of one stage on one core, in hours or with a unit."""
 
     @property
     def bytes(self) -> float:
@@ -40,25 +44,40 @@ SimulatorSection = Annotated[EngineSection, Plugged("engines", "engine")]
 class Case(Section):
     """A case; a stage needs only the sections that it reads."""
 
-    name: str = Field(
-        pattern=r"^[a-z][a-z0-9_-]*$", max_length=100, description="Short name; results go to results/<name>."
-    )
-    title: str = Field("", description="Title of the report.")
-    no_controller: str = Field("", description="Why the case asks for none, for the page of a run that ends with it.")
-    plant: PlantSection = Field(description="The nominal model.")
-    domain: DomainSection | None = Field(None, description="Sampling time, states and inputs.")
-    simulator: SimulatorSection | None = Field(None, description="The high-fidelity side.")
-    grid: GridSection | None = Field(None, description="Where the two are compared.")
-    gap: GapSection | None = Field(None, description="How the gap is bounded.")
-    symmetry: SymmetrySection | None = Field(None, description="A declared symmetry of the gap, measured before use.")
-    hidden_state: HiddenStateSection | None = Field(None, description="How the simulator's memory is covered.")
-    sensing: SensingSection | None = Field(None, description="What the controller knows of the state.")
-    synthesis: SynthesisSection | None = Field(None, description="Specification, cells and options of the controller.")
-    validation: ValidationSection | None = Field(None, description="The closed loop that checks it.")
-    audit: AuditSection | None = Field(None, description="The adversary's budget against bound and controller.")
-    twin: TwinSection | None = Field(None, description="Another engine that the simulator stands for.")
-    budget: BudgetSection = Field(BudgetSection(), description="Cost above which a run is refused.")
-    measured: MeasuredSection | None = Field(None, description="Recordings of the real machine.")
+    name: str = Field(pattern=r"^[a-z][a-z0-9_-]*$", max_length=100)
+    """Short name; results go to results/<name>."""
+    title: str = ""
+    """Title of the report."""
+    no_controller: str = ""
+    """Why the case asks for none, for the page of a run that ends with it."""
+    plant: PlantSection
+    """The nominal model."""
+    domain: DomainSection | None = None
+    """Sampling time, states and inputs."""
+    simulator: SimulatorSection | None = None
+    """The high-fidelity side."""
+    grid: GridSection | None = None
+    """Where the two are compared."""
+    gap: GapSection | None = None
+    """How the gap is bounded."""
+    symmetry: SymmetrySection | None = None
+    """A declared symmetry of the gap, measured before use."""
+    hidden_state: HiddenStateSection | None = None
+    """How the simulator's memory is covered."""
+    sensing: SensingSection | None = None
+    """What the controller knows of the state."""
+    synthesis: SynthesisSection | None = None
+    """Specification, cells and options of the controller."""
+    validation: ValidationSection | None = None
+    """The closed loop that checks it."""
+    audit: AuditSection | None = None
+    """The adversary's budget against bound and controller."""
+    twin: TwinSection | None = None
+    """Another engine that the simulator stands for."""
+    budget: BudgetSection = BudgetSection()
+    """Cost above which a run is refused."""
+    measured: MeasuredSection | None = None
+    """Recordings of the real machine."""
 
     @model_validator(mode="after")
     def _one_set_of_names(self) -> Case:
@@ -86,9 +105,36 @@ class Case(Section):
         return self
 
 
+class _Described(GenerateJsonSchema):
+    """Schema of sections whose keys are described by the text below them in their source: nothing else reads it."""
+
+    def model_schema(self, schema: ModelSchema) -> JsonSchemaValue:
+        """See `GenerateJsonSchema`."""
+        found = super().model_schema(schema)
+        for kind in schema["cls"].__mro__:
+            for key, words in _descriptions(kind) if issubclass(kind, Section) else ():
+                if key in found["properties"]:
+                    found["properties"][key].setdefault("description", words)
+        return found
+
+
+def _descriptions(section: type[Section]) -> list[tuple[str, str]]:
+    """Keys of a section, each with the text below it in its class."""
+    (tree,) = ast.parse(inspect.getsource(section)).body
+    assert isinstance(tree, ast.ClassDef)
+    return [
+        (key.target.id, " ".join(below.value.value.split()))
+        for key, below in pairwise(tree.body)
+        if isinstance(key, ast.AnnAssign) and isinstance(key.target, ast.Name)
+        if isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant) and isinstance(below.value.value, str)
+    ]
+
+
 def schema_text() -> str:
     """The text of configs/schema.json."""
-    schema = Case.model_json_schema() | {"$schema": "https://json-schema.org/draft/2020-12/schema"}
+    schema = Case.model_json_schema(schema_generator=_Described) | {
+        "$schema": "https://json-schema.org/draft/2020-12/schema"
+    }
     schema["properties"]["extends"] = {
         "type": "string",
         "description": "Another case file in this folder: sections that are not given here are taken from it; null "

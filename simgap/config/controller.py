@@ -16,46 +16,35 @@ class SynthesisSection(Section):
 
     OPTIONAL = ("record",)
 
-    cells: tuple[Annotated[int, Field(ge=1)], ...] = Field(
-        min_length=1, max_length=4, description="Cells per state, in order, over the safe set or the arena."
-    )
-    specification: Annotated[Section, Plugged("specifications", "kind")] = Field(
-        description="What the closed loop must do."
-    )
-    nominal_between_samples: bool = Field(
-        False,
-        description="Whether the nominal-only controller also checks what its model does between samples; by "
-        "default, as in the paper, it considers the sampling instants only.",
-    )
-    record: Literal["all", "one"] = Field(
-        "all",
-        description="Whether the controller keeps all admissible inputs of a cell, a bit for each input, or the one "
-        "that `least_effort` picks, two bytes: for very many cells and inputs, where something is to be reached. What "
-        "it applies is the same; the audit, the margins and a certificate are then about that one input.",
-    )
-    rule: Literal["least_effort", "middle"] = Field(
-        "least_effort", description="Which of the admissible inputs the controller applies."
-    )
+    cells: tuple[Annotated[int, Field(ge=1)], ...] = Field(min_length=1, max_length=4)
+    """Cells per state, in order, over the safe set or the arena."""
+    specification: Annotated[Section, Plugged("specifications", "kind")]
+    """What the closed loop must do."""
+    nominal_between_samples: bool = False
+    """Whether the nominal-only controller also checks what its model does between samples; by default, as in the paper,
+    it considers the sampling instants only."""
+    record: Literal["all", "one"] = "all"
+    """Whether the controller keeps all admissible inputs of a cell, a bit for each input, or the one that
+    `least_effort` picks, two bytes: for very many cells and inputs, where something is to be reached. What it applies
+    is the same; the audit, the margins and a certificate are then about that one input."""
+    rule: Literal["least_effort", "middle"] = "least_effort"
+    """Which of the admissible inputs the controller applies."""
 
 
 class SensingSection(Section):
     """A bounded measurement error and a latency in whole samples."""
 
-    error: dict[str, NotNegative] = Field(
-        default_factory=dict, description="For a state, the largest |measured - true|, in its unit; 0 if not given."
-    )
-    latency: int = Field(0, ge=0, le=1, description="Samples between a measurement and the input that uses it.")
-    latency_of: Literal["measurement", "input_delay"] = Field(
-        "measurement",
-        description="measurement: the latency comes on top of the delays that effects declare. input_delay: it is the "
-        "first sample of these delays, so that the controller knows which input is pending; a command that would act "
-        "earlier is held back until then.",
-    )
-    first_input: dict[str, float] = Field(
-        default_factory=dict,
-        description="With a latency, the input that acts in the first sample, before any measurement has arrived: one "
-        "of domain.U. If not given, the one of least effort in U, rest where U holds it.",
-    )
+    error: dict[str, NotNegative] = Field(default_factory=dict)
+    """For a state, the largest |measured - true|, in its unit; 0 if not given."""
+    latency: int = Field(0, ge=0, le=1)
+    """Samples between a measurement and the input that uses it."""
+    latency_of: Literal["measurement", "input_delay"] = "measurement"
+    """measurement: the latency comes on top of the delays that effects declare. input_delay: it is the first sample of
+    these delays, so that the controller knows which input is pending; a command that would act earlier is held back
+    until then."""
+    first_input: dict[str, float] = Field(default_factory=dict)
+    """With a latency, the input that acts in the first sample, before any measurement has arrived: one of domain.U. If
+    not given, the one of least effort in U, rest where U holds it."""
 
     @property
     def known_delay(self) -> int:
@@ -95,7 +84,8 @@ class AuditSection(Section):
         description="Closed-loop steps under the worst admissible inputs, in the simulator and as many against "
         f"the worst disturbance; {_unless_given(1)}",
     )
-    seed: int = Field(21, ge=0, description="Seed of everything random in the audit.")
+    seed: int = Field(21, ge=0)
+    """Seed of everything random in the audit."""
 
     def budget(self, histories: bool, trials: Trials = Trials.PLAIN) -> tuple[int, int]:
         """Evaluations and steps, `histories` where the simulator remembers inputs; a deep audit takes no less."""
@@ -121,18 +111,17 @@ class ValidationSection(Section):
         f"{STARTS:,}, {FULL_STARTS:,} in a full run. In a plain run the controllers to compare with take "
         f"{BASELINE_STARTS:,} of them.",
     )
-    first: tuple[dict[str, float], ...] = Field(
-        (), description="States to start from before the drawn ones; each must be in both winning domains."
-    )
-    steps: int = Field(2000, ge=1, description="Samples a run.")
-    seed: int = Field(0, ge=0, description="Seed of the starts.")
-    kept: int = Field(4, ge=1, description="Runs of each controller whose traces are written.")
-    fair_baseline: bool = Field(
-        False,
-        description="Whether a third controller runs from the same starts: made for the nominal model alone, like the "
-        "nominal-only one, but checking what that model does between samples. For specifications of the whole "
-        "path.",
-    )
+    first: tuple[dict[str, float], ...] = ()
+    """States to start from before the drawn ones; each must be in both winning domains."""
+    steps: int = Field(2000, ge=1)
+    """Samples a run."""
+    seed: int = Field(0, ge=0)
+    """Seed of the starts."""
+    kept: int = Field(4, ge=1)
+    """Runs of each controller whose traces are written."""
+    fair_baseline: bool = False
+    """Whether a third controller runs from the same starts: made for the nominal model alone, like the nominal-only
+    one, but checking what that model does between samples. For specifications of the whole path."""
 
     def count(self, trials: Trials = Trials.PLAIN) -> int:
         """Starts of the gap-aware controller."""

@@ -19,10 +19,9 @@ from simgap.geometry import Box
 class BasisSection(Section):
     """A basis is a section of a case, its options, that lists its terms: a plug-in of the group `bases`, one a file."""
 
-    kind: str = Field(
-        description="Which basis: a built-in one, one that an installed distribution offers, or file.py:Class for a "
-        "class in a file beside the case."
-    )
+    kind: str
+    """Which basis: a built-in one, one that an installed distribution offers, or file.py:Class for a class in a file
+    beside the case."""
 
     @abstractmethod
     def listed(self, states: Sequence[str], inputs: Sequence[str], domain: Box) -> tuple[str, ...]:
@@ -39,15 +38,13 @@ class GridSection(Section):
 
     OPTIONAL: ClassVar[tuple[str, ...]] = ("half_widths",)
 
-    eps: float | None = Field(
-        None, gt=0, description="Radius of the balls around samples: no cell's half-diagonal is longer."
-    )
-    half_widths: dict[str, Positive] = Field(
-        default_factory=dict,
-        description="Instead of eps: for each state half the width of a cell, in its unit; states along which a "
-        "translation is declared (`symmetry`) need none.",
-    )
-    shards: int = Field(2, ge=1, le=1000, description="Files (and jobs) that the roll-outs are split into.")
+    eps: float | None = Field(None, gt=0)
+    """Radius of the balls around samples: no cell's half-diagonal is longer."""
+    half_widths: dict[str, Positive] = Field(default_factory=dict)
+    """Instead of eps: for each state half the width of a cell, in its unit; states along which a translation is
+    declared (`symmetry`) need none."""
+    shards: int = Field(2, ge=1, le=1000)
+    """Files (and jobs) that the roll-outs are split into."""
 
     @model_validator(mode="after")
     def _one_of_both(self) -> GridSection:
@@ -61,18 +58,19 @@ class SymmetrySection(Section):
 
     OPTIONAL: ClassVar[tuple[str, ...]] = ("along",)
 
-    group: Literal["planar", "translation"] = Field(
-        "planar",
-        description="planar: position and heading of `plant.symbolic.wheels`. translation: the gap does not depend on "
-        "the states `along`, such as where a cart stands.",
-    )
-    along: tuple[str, ...] = Field((), description="translation: the states on which the gap does not depend.")
-    headings: int = Field(8, ge=1, description="Random headings (or shifts) at which each checked history is repeated.")
-    histories: int = Field(100, ge=1, description="Random histories (or states) that are repeated at each.")
-    tolerance: dict[str, float] = Field(
-        description="For each state the largest deviation between headings (or shifts); above it the stage fails."
-    )
-    seed: int = Field(3, ge=0, description="Seed of histories and headings.")
+    group: Literal["planar", "translation"] = "planar"
+    """planar: position and heading of `plant.symbolic.wheels`. translation: the gap does not depend on the states
+    `along`, such as where a cart stands."""
+    along: tuple[str, ...] = ()
+    """translation: the states on which the gap does not depend."""
+    headings: int = Field(8, ge=1)
+    """Random headings (or shifts) at which each checked history is repeated."""
+    histories: int = Field(100, ge=1)
+    """Random histories (or states) that are repeated at each."""
+    tolerance: dict[str, float]
+    """For each state the largest deviation between headings (or shifts); above it the stage fails."""
+    seed: int = Field(3, ge=0)
+    """Seed of histories and headings."""
 
     @model_validator(mode="after")
     def _along_what(self) -> SymmetrySection:
@@ -86,39 +84,36 @@ class SymmetrySection(Section):
 class HiddenStateSection(Section):
     """State that earlier inputs leave behind in the simulator, and how it is covered."""
 
-    previous: dict[str, int] = Field(
-        description="For each input, how many of its values represent the previous input: the extremes and between."
-    )
-    classes: dict[str, int] = Field(
-        default_factory=dict,
-        description="For each input, the number of intervals that divide the previous input into classes: the bound is "
-        "taken for each class, and the controller remembers the class. None: one class, no memory.",
-    )
-    length: int = Field(
-        4, ge=1, description="Longest histories tried; the bound must stop growing by then (inputs before the present)."
-    )
-    chains: int = Field(40, ge=2, description="Random input sequences that look for what the previous inputs missed.")
-    chain_length: int = Field(500, ge=10, description="Samples in each of them.")
-    growth: float = Field(
-        0.1, gt=0, description="Largest growth with longer histories, relative to the bound's sup, that counts as none."
-    )
-    seed: int = Field(2, ge=0, description="Seed of the random sequences.")
-    fresh_samples: int = Field(
-        20_000, ge=1, description="Steps of other random sequences on which the bound is checked; no bound sees them."
-    )
-    fresh_length: int = Field(
-        5, ge=2, description="Samples in each fresh sequence: sequences are independent, steps of one are not."
-    )
-    fresh_seed: int = Field(11, ge=0, description="Of those.")
-    search: int = Field(
-        2000, ge=0, description="Steps of a directed search over histories and headings that widens the bound, and as "
-        "many of a second one that must not break it; 0: neither."
-    )  # fmt: skip
-    search_length: int = Field(2, ge=1, description="Inputs before the present one in these searches.")
-    search_seed: int = Field(21, ge=0, description="Seed of the first search; the second takes the next one.")
-    tolerated_probability: float = Field(
-        0.0, ge=0.0, lt=1.0, description="Largest bound of the violation probability; 0: one violation fails the stage."
-    )
+    previous: dict[str, int]
+    """For each input, how many of its values represent the previous input: the extremes and between."""
+    classes: dict[str, int] = Field(default_factory=dict)
+    """For each input, the number of intervals that divide the previous input into classes: the bound is taken for each
+    class, and the controller remembers the class. None: one class, no memory."""
+    length: int = Field(4, ge=1)
+    """Longest histories tried; the bound must stop growing by then (inputs before the present)."""
+    chains: int = Field(40, ge=2)
+    """Random input sequences that look for what the previous inputs missed."""
+    chain_length: int = Field(500, ge=10)
+    """Samples in each of them."""
+    growth: float = Field(0.1, gt=0)
+    """Largest growth with longer histories, relative to the bound's sup, that counts as none."""
+    seed: int = Field(2, ge=0)
+    """Seed of the random sequences."""
+    fresh_samples: int = Field(20_000, ge=1)
+    """Steps of other random sequences on which the bound is checked; no bound sees them."""
+    fresh_length: int = Field(5, ge=2)
+    """Samples in each fresh sequence: sequences are independent, steps of one are not."""
+    fresh_seed: int = Field(11, ge=0)
+    """Of those."""
+    search: int = Field(2000, ge=0)
+    """Steps of a directed search over histories and headings that widens the bound, and as many of a second one that
+    must not break it; 0: neither."""
+    search_length: int = Field(2, ge=1)
+    """Inputs before the present one in these searches."""
+    search_seed: int = Field(21, ge=0)
+    """Seed of the first search; the second takes the next one."""
+    tolerated_probability: float = Field(0.0, ge=0.0, lt=1.0)
+    """Largest bound of the violation probability; 0: one violation fails the stage."""
 
     @model_validator(mode="after")
     def _fresh_is_fresh(self) -> HiddenStateSection:
@@ -130,37 +125,35 @@ class HiddenStateSection(Section):
 class LipschitzSection(Section):
     """Lipschitz estimates."""
 
-    rough_limit: float = Field(
-        0.1, ge=0.0, le=1.0,
-        description="Largest share of the cells in which the gap may jump (padding inflate covers them by the jump "
-        "seen there); more is refused.",
-    )  # fmt: skip
-    extreme_value: bool = Field(True, description="Also compute the paper's extreme-value estimates, for comparison.")
-    extreme_value_blocks: int = Field(100, ge=10, description="Blocks of random pairs, one maximum slope from each.")
-    extreme_value_pairs: int = Field(100, ge=10, description="Random pairs in a block.")
+    rough_limit: float = Field(0.1, ge=0.0, le=1.0)
+    """Largest share of the cells in which the gap may jump (padding inflate covers them by the jump seen there); more
+    is refused."""
+    extreme_value: bool = True
+    """Also compute the paper's extreme-value estimates, for comparison."""
+    extreme_value_blocks: int = Field(100, ge=10)
+    """Blocks of random pairs, one maximum slope from each."""
+    extreme_value_pairs: int = Field(100, ge=10)
+    """Random pairs in a block."""
 
 
 class ConformalSection(Section):
     """Split conformal bound."""
 
-    miscoverage: float = Field(
-        0.01, gt=0.0, lt=1.0, description="Probability with which a random sample may lie outside."
-    )
-    calibration_samples: int = Field(
-        20_000, ge=100, description="Random samples that set the width; neither the fit nor the check sees them."
-    )
-    seed: int = Field(
-        3, ge=0, description=("Seed of these samples; differs from `gap.seed`, which draws those of the check.")
-    )
+    miscoverage: float = Field(0.01, gt=0.0, lt=1.0)
+    """Probability with which a random sample may lie outside."""
+    calibration_samples: int = Field(20_000, ge=100)
+    """Random samples that set the width; neither the fit nor the check sees them."""
+    seed: int = Field(3, ge=0)
+    """Seed of these samples; differs from `gap.seed`, which draws those of the check."""
 
 
 class RemainderWithin(Section):
     """More is left in a part of X."""
 
-    where: dict[str, Interval] = Field(
-        min_length=1, description="For a state, from and to, in its unit; states that are not named are free."
-    )
-    by: dict[str, NotNegative] = Field(description="For a state, the remainder there in one step, in its unit.")
+    where: dict[str, Interval] = Field(min_length=1)
+    """For a state, from and to, in its unit; states that are not named are free."""
+    by: dict[str, NotNegative]
+    """For a state, the remainder there in one step, in its unit."""
 
 
 class GapSection(Section):
@@ -168,54 +161,45 @@ class GapSection(Section):
 
     OPTIONAL: ClassVar[tuple[str, ...]] = ("remainder_within",)
 
-    basis: Annotated[BasisSection, Plugged("bases", "kind", listed=("expressions", "terms"))] = Field(
-        description="Terms of the bound as expressions over states and inputs, such as [x1^2, x1*x2, u, 1]; or a kind "
-        "with options, such as {kind: monomials, degree: 2}."
-    )
-    bound: Literal["scenario", "conformal", "envelope", "constant"] = Field(
-        "scenario",
-        description="scenario: linear in the basis, by the scenario program. constant: the same with the basis 1. "
-        "envelope: Lipschitz envelope around the samples (set membership). conformal: covers a random sample with a "
-        "stated probability, not every state.",
-    )
-    objective: Literal["lexicographic", "eta"] = Field(
-        "lexicographic",
-        description="eta: the smallest supremum (the paper). lexicographic: the smallest mean among bounds whose "
-        "supremum is at most `slack` of the largest gap above the smallest one.",
-    )
-    slack: float = Field(0.01, ge=0.0, le=1.0, description="See objective; a share of the largest sampled gap.")
-    sides: Literal["signed", "unsigned"] = Field(
-        "signed", description="signed: lower and upper bound fitted separately. unsigned: |d| <= gamma (the paper)."
-    )
-    padding: Literal["inflate", "per_axis", "paper"] = Field(
-        "inflate",
-        description="How the bound is carried from samples to all states: inflate: local Lipschitz constants of the "
-        "residual inside the program. per_axis: sum_j (L1_j + L2_j) h_j. paper: (L1 + L2) eps.",
-    )
-    tolerated_probability: float = Field(
-        0.0, ge=0.0, lt=1.0,
-        description="0: one violation among the fresh samples fails the stage. Otherwise the Clopper-Pearson bound of "
-        "the violation probability may reach this value, and it is printed in the headline.",
-    )  # fmt: skip
-    fresh_samples: int = Field(
-        300_000, ge=1, description="Random off-grid samples for the check, never used in the fit."
-    )
-    remainder: dict[str, NotNegative] = Field(
-        default_factory=dict,
-        description="For a state, what measured data leave unexplained in one step, in its unit; added on both sides "
-        "of the bound so that it covers the hardware and not the simulator alone. `simgap diagnose` writes it.",
-    )
-    remainder_within: tuple[RemainderWithin, ...] = Field(
-        default=(),
-        description="Boxes of the states in which more is left, such as near rest, where dry friction sticks; in cells "
-        "that a box touches, its numbers replace `remainder` where they are larger. A bound that is not a table of "
-        "cells takes them everywhere.",
-    )
-    confidence: float = Field(0.95, gt=0.5, lt=1.0, description="Confidence of the Clopper-Pearson bound.")
-    envelope_nodes: int = Field(200_000, ge=16, description="envelope: most numbers in the table that is saved.")
-    lipschitz: LipschitzSection = Field(LipschitzSection(), description="How Lipschitz constants are estimated.")
-    conformal: ConformalSection = Field(ConformalSection(), description="Options of the conformal bound.")
-    seed: int = Field(1, ge=0, description="Seed of the fresh samples and of everything random in the fit.")
+    basis: Annotated[BasisSection, Plugged("bases", "kind", listed=("expressions", "terms"))]
+    """Terms of the bound as expressions over states and inputs, such as [x1^2, x1*x2, u, 1]; or a kind with options,
+    such as {kind: monomials, degree: 2}."""
+    bound: Literal["scenario", "conformal", "envelope", "constant"] = "scenario"
+    """scenario: linear in the basis, by the scenario program. constant: the same with the basis 1. envelope: Lipschitz
+    envelope around the samples (set membership). conformal: covers a random sample with a stated probability, not every
+    state."""
+    objective: Literal["lexicographic", "eta"] = "lexicographic"
+    """eta: the smallest supremum (the paper). lexicographic: the smallest mean among bounds whose supremum is at most
+    `slack` of the largest gap above the smallest one."""
+    slack: float = Field(0.01, ge=0.0, le=1.0)
+    """See objective; a share of the largest sampled gap."""
+    sides: Literal["signed", "unsigned"] = "signed"
+    """signed: lower and upper bound fitted separately. unsigned: |d| <= gamma (the paper)."""
+    padding: Literal["inflate", "per_axis", "paper"] = "inflate"
+    """How the bound is carried from samples to all states: inflate: local Lipschitz constants of the residual inside
+    the program. per_axis: sum_j (L1_j + L2_j) h_j. paper: (L1 + L2) eps."""
+    tolerated_probability: float = Field(0.0, ge=0.0, lt=1.0)
+    """0: one violation among the fresh samples fails the stage. Otherwise the Clopper-Pearson bound of the violation
+    probability may reach this value, and it is printed in the headline."""
+    fresh_samples: int = Field(300_000, ge=1)
+    """Random off-grid samples for the check, never used in the fit."""
+    remainder: dict[str, NotNegative] = Field(default_factory=dict)
+    """For a state, what measured data leave unexplained in one step, in its unit; added on both sides of the bound so
+    that it covers the hardware and not the simulator alone. `simgap diagnose` writes it."""
+    remainder_within: tuple[RemainderWithin, ...] = ()
+    """Boxes of the states in which more is left, such as near rest, where dry friction sticks; in cells that a box
+    touches, its numbers replace `remainder` where they are larger. A bound that is not a table of cells takes them
+    everywhere."""
+    confidence: float = Field(0.95, gt=0.5, lt=1.0)
+    """Confidence of the Clopper-Pearson bound."""
+    envelope_nodes: int = Field(200_000, ge=16)
+    """envelope: most numbers in the table that is saved."""
+    lipschitz: LipschitzSection = LipschitzSection()
+    """How Lipschitz constants are estimated."""
+    conformal: ConformalSection = ConformalSection()
+    """Options of the conformal bound."""
+    seed: int = Field(1, ge=0)
+    """Seed of the fresh samples and of everything random in the fit."""
 
     @property
     def signed(self) -> bool:

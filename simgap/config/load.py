@@ -169,12 +169,8 @@ def case_content(path: Path, above: tuple[Path, ...] = ()) -> Any:
         return content
     name = content.pop("extends")
     if not isinstance(name, str) or Path(name).name != name:
-        raise UserError(
-            f"{excerpt(repr(name))} is not a case file of this folder",
-            file=path,
-            key="extends",
-            remedy="Give its file name, such as pendulum.yaml.",
-        )
+        problem = f"{excerpt(repr(name))} is not a case file of this folder"
+        raise UserError(problem, file=path, key="extends", remedy="Give its file name, such as pendulum.yaml.")
     base, above = path.parent / name, (*above, path)
     if base in above:
         raise UserError("a case cannot extend itself", file=path, key="extends")
@@ -211,10 +207,8 @@ def _of_another_kind(under: dict[str, Any], value: dict[str, Any]) -> bool:
 def parse_case(content: Any, path: Path, plugins_beside: Path | None = None) -> Case:
     """Check the content of a case file; plug-in files stand beside `path`, or beside `plugins_beside`."""
     if not isinstance(content, dict):
-        raise UserError(
-            "this is not a case: it has no keys", file=path,
-            remedy="A case starts with `name:` and `plant:`; `simgap new NAME --urdf FILE` writes one.",
-        )  # fmt: skip
+        remedy = "A case starts with `name:` and `plant:`; `simgap new NAME --urdf FILE` writes one."
+        raise UserError("this is not a case: it has no keys", file=path, remedy=remedy)
     return validated(Case, content, path, (plugins_beside or path).parent)
 
 

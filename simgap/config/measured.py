@@ -25,7 +25,8 @@ class Condition(Section):
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, float] = Field(init=False)
 
-    file: str = Field(description="The file (its name, or the end of its path).")
+    file: str
+    """The file (its name, or the end of its path)."""
 
     @property
     def values(self) -> dict[str, float]:
@@ -42,13 +43,13 @@ class Condition(Section):
 class ConditionColumn(Section):
     """Column of a parameter that differs from file to file: `scale * (cell in the parameter's unit)`."""
 
-    column: str = Field(description="Name of the column; it has one value within a file, or within a trace of it.")
-    unit: str | None = Field(
-        default=None,
-        description="Unit of the cells, such as g or mV; if not given, the unit stored with a Parquet column, else "
-        "the unit of the parameter.",
-    )
-    scale: float = Field(default=1.0, description="Factor on the converted cell.")
+    column: str
+    """Name of the column; it has one value within a file, or within a trace of it."""
+    unit: str | None = None
+    """Unit of the cells, such as g or mV; if not given, the unit stored with a Parquet column, else the unit of the
+    parameter."""
+    scale: float = 1.0
+    """Factor on the converted cell."""
 
     @model_validator(mode="after")
     def _says_something(self) -> ConditionColumn:
@@ -95,11 +96,9 @@ def named_recordings(case: Path, names: Sequence[str]) -> list[Path]:
     found = matching_files(case.parent, names)
     for place, path in found:
         if not reading.is_file(path):
-            raise UserError(
-                f"{'is a folder' if path.is_dir() else 'there is no file'}: '{names[place]}'",
-                file=case, key=f"measured.files.{place}",
-                remedy="Correct the path of a CSV, Parquet, JSON or MCAP file; it starts from the folder of the case.",
-            )  # fmt: skip
+            problem = f"{'is a folder' if path.is_dir() else 'there is no file'}: '{names[place]}'"
+            remedy = "Correct the path of a CSV, Parquet, JSON or MCAP file; it starts from the folder of the case."
+            raise UserError(problem, file=case, key=f"measured.files.{place}", remedy=remedy)
     return [path for _, path in found]
 
 
@@ -107,20 +106,15 @@ def _files(folder: Path, pattern: str, key: str | None) -> list[Path]:
     """Files that match, sorted; none where it is no pattern (`**` stands alone between slashes)."""
     anchor = Path(pattern).anchor
     if key is not None and (anchor or ".." in Path(pattern).parts):
-        raise UserError(
-            f"the pattern '{excerpt(pattern, 60)}' leads out of the case's folder", key=key,
-            remedy="Name the files one by one, or put the case beside them.",
-        )  # fmt: skip
+        remedy = "Name the files one by one, or put the case beside them."
+        raise UserError(f"the pattern '{excerpt(pattern, 60)}' leads out of the case's folder", key=key, remedy=remedy)
     try:
         found = list(islice((folder / anchor).glob(pattern.removeprefix(anchor)), MOST_FILES + 1))
     except ValueError:
         return []
     if len(found) > MOST_FILES:
-        raise UserError(
-            f"the pattern '{excerpt(pattern, 60)}' stands for more than {MOST_FILES} files",
-            key=key,
-            remedy="Narrow it.",
-        )
+        problem = f"the pattern '{excerpt(pattern, 60)}' stands for more than {MOST_FILES} files"
+        raise UserError(problem, key=key, remedy="Narrow it.")
     return sorted(path for path in found if reading.is_file(path))
 
 
@@ -133,31 +127,21 @@ class ColumnMap(Section):
     The value is `scale * (cell converted from unit to the case's unit) + offset`.
     """
 
-    column: str | None = Field(
-        default=None, description="Name of the column; the name of the state or input if not given."
-    )
-    unit: str | None = Field(
-        default=None,
-        description="Unit of the cells, such as deg or rpm; if not given, the unit stored with a Parquet column, "
-        "else the unit of the state.",
-    )
-    scale: float = Field(
-        default=1.0, description="Factor on the converted cell: a gear ratio, or -1 for a reversed axis."
-    )
-    offset: float | str = Field(
-        default=0.0,
-        description="Added after scaling, in the unit of the state; a number or an expression such as -pi "
-        "(a recording that hangs at pi for a model that hangs at 0).",
-    )
-    wrapped: bool | None = Field(
-        default=None,
-        description="Whether the cells jump by a full turn; if not given, an angle that stays within one turn and "
-        "jumps by more than half a turn between neighbours is unwrapped.",
-    )
-    constant: float | None = Field(
-        default=None,
-        description="The value of an input that was not recorded because it was held, such as 0 for no drive.",
-    )
+    column: str | None = None
+    """Name of the column; the name of the state or input if not given."""
+    unit: str | None = None
+    """Unit of the cells, such as deg or rpm; if not given, the unit stored with a Parquet column, else the unit of the
+    state."""
+    scale: float = 1.0
+    """Factor on the converted cell: a gear ratio, or -1 for a reversed axis."""
+    offset: float | str = 0.0
+    """Added after scaling, in the unit of the state; a number or an expression such as -pi (a recording that hangs at
+    pi for a model that hangs at 0)."""
+    wrapped: bool | None = None
+    """Whether the cells jump by a full turn; if not given, an angle that stays within one turn and jumps by more than
+    half a turn between neighbours is unwrapped."""
+    constant: float | None = None
+    """The value of an input that was not recorded because it was held, such as 0 for no drive."""
 
     @model_validator(mode="after")
     def _one_source(self) -> ColumnMap:
@@ -171,31 +155,25 @@ class ColumnMap(Section):
 class TimeMap(Section):
     """The column of time stamps."""
 
-    column: str = Field(default="t", description="Name of the column of time stamps.")
-    unit: str | None = Field(
-        default=None,
-        description="Unit of the stamps, such as ms or ns; if not given, what a Parquet file says, else s. They may "
-        "start anywhere.",
-    )
-    gap_s: float | None = Field(
-        default=None,
-        gt=0,
-        description="A longer interval splits a trace in two; if not given, five times the interval that 95 % of the "
-        "samples keep.",
-    )
+    column: str = "t"
+    """Name of the column of time stamps."""
+    unit: str | None = None
+    """Unit of the stamps, such as ms or ns; if not given, what a Parquet file says, else s. They may start anywhere."""
+    gap_s: float | None = Field(None, gt=0)
+    """A longer interval splits a trace in two; if not given, five times the interval that 95 % of the samples keep."""
 
 
 class Mask(Section):
     """A stretch of time to keep or to drop, such as the time after another controller took over."""
 
-    file: str | None = Field(
-        default=None, description="File it is about (its name, or the end of its path); any file if not given."
-    )
-    trace: str | None = Field(
-        default=None, description="Value of the trace column it is about; any trace if not given."
-    )
-    keep: Range | None = Field(default=None, description="Keep only this time range of the file.")
-    drop: Range | None = Field(default=None, description="Drop this time range of the file.")
+    file: str | None = None
+    """File it is about (its name, or the end of its path); any file if not given."""
+    trace: str | None = None
+    """Value of the trace column it is about; any trace if not given."""
+    keep: Range | None = None
+    """Keep only this time range of the file."""
+    drop: Range | None = None
+    """Drop this time range of the file."""
 
     @model_validator(mode="after")
     def _one_range(self) -> Mask:
@@ -207,23 +185,24 @@ class Mask(Section):
 class HeldOut(Section):
     """The data that no effect is fitted to, on which the error before and after is judged."""
 
-    files: tuple[str, ...] = Field(default=(), description="Files held out (their names, or the ends of their paths).")
-    traces: tuple[str, ...] = Field(default=(), description="Values of the trace column held out.")
-    fraction: float = Field(
-        default=0.25,
-        gt=0,
-        lt=1,
-        description="Where no file or trace is named: this share of the traces if there are enough, else of the time, "
-        "in blocks of windows.",
-    )
+    files: tuple[str, ...] = ()
+    """Files held out (their names, or the ends of their paths)."""
+    traces: tuple[str, ...] = ()
+    """Values of the trace column held out."""
+    fraction: float = Field(0.25, gt=0, lt=1)
+    """Where no file or trace is named: this share of the traces if there are enough, else of the time, in blocks of
+    windows."""
 
 
 class PayloadSection(Section):
     """Something more that was mounted on a link while a file was recorded."""
 
-    file: str = Field(description="The file (its name, or the end of its path).")
-    link: str = Field(description="The link that it was mounted on: one that a joint moves.")
-    mass: float | None = Field(None, gt=0, description="Its mass in kg, where it is known; found where it is not.")
+    file: str
+    """The file (its name, or the end of its path)."""
+    link: str
+    """The link that it was mounted on: one that a joint moves."""
+    mass: float | None = Field(None, gt=0)
+    """Its mass in kg, where it is known; found where it is not."""
 
 
 class MeasuredSection(Section):
@@ -231,86 +210,59 @@ class MeasuredSection(Section):
 
     OPTIONAL = ("conditions", "conditions_from", "payloads", "into_simulator", "known")
 
-    files: tuple[str, ...] = Field(
-        default=(),
-        description="CSV, Parquet, JSON or MCAP files, relative to the case file, or patterns (runs/*.csv, in "
-        "the order of their names); files on the command line replace them.",
-    )
+    files: tuple[str, ...] = ()
+    """CSV, Parquet, JSON or MCAP files, relative to the case file, or patterns (runs/*.csv, in the order of their
+    names); files on the command line replace them."""
     columns: dict[str, Annotated[ColumnMap, BeforeValidator(bare_column, str | ColumnMap)]] = Field(
-        default_factory=dict, description="For a state or an input: its column, if it is not a column of the same name."
+        default_factory=dict
     )
-    time: Annotated[TimeMap, BeforeValidator(bare_column, str | TimeMap)] = Field(
-        default_factory=TimeMap, description="The column of time stamps."
-    )
-    trace_column: str = Field(
-        default="trace", description="Column that separates the traces of one file, if there is one."
-    )
-    masks: tuple[Mask, ...] = Field(default=(), description="Time ranges to keep or to drop.")
-    conditions: tuple[Condition, ...] = Field(
-        default=(),
-        description="Parameters of the plant that are known to differ from file to file, such as a weight or a supply "
-        "voltage; a file that is not named has the declared values. One set of effects is fitted to all files.",
-    )
+    """For a state or an input: its column, if it is not a column of the same name."""
+    time: Annotated[TimeMap, BeforeValidator(bare_column, str | TimeMap)] = Field(default_factory=TimeMap)
+    """The column of time stamps."""
+    trace_column: str = "trace"
+    """Column that separates the traces of one file, if there is one."""
+    masks: tuple[Mask, ...] = ()
+    """Time ranges to keep or to drop."""
+    conditions: tuple[Condition, ...] = ()
+    """Parameters of the plant that are known to differ from file to file, such as a weight or a supply voltage; a file
+    that is not named has the declared values. One set of effects is fitted to all files."""
     conditions_from: dict[str, Annotated[ConditionColumn, BeforeValidator(bare_column, str | ConditionColumn)]] = Field(
-        default_factory=dict,
-        description="Such parameters with their values in a column of each file (or beside the samples of a JSON "
-        "file): parameter -> its column.",
+        default_factory=dict
     )
-    payloads: tuple[PayloadSection, ...] = Field(
-        default=(), description="Weights that were mounted on a link of an arm of three joints or more in some files."
-    )
-    held_out: HeldOut = Field(default_factory=HeldOut, description="The data that are kept for judging.")
-    window_s: float = Field(
-        default=1.0, gt=0, description="Length of the windows that are simulated in the fit, in seconds."
-    )
-    horizon_s: float = Field(
-        default=0.5,
-        gt=0,
-        description="How far ahead of the causal initial state the error E(h) is reported, in seconds.",
-    )
-    noise: dict[str, Positive] = Field(
-        default_factory=dict,
-        description="Standard deviation of a channel's noise, in the unit of the state, where it is known; "
-        "estimated from the data elsewhere.",
-    )
-    effects: tuple[str, ...] = Field(
-        default=(),
-        description="Effects that may be tried; if none is named, all of `simgap effects` but lugre_friction and "
-        "elasticity_behind_encoder.",
-    )
-    known: tuple[str, ...] = Field(
-        default=(),
-        description="Parameters of the plant that are not in doubt, such as gravity or a length that was measured: no "
-        "error of theirs is sought.",
-    )
-    max_effects: int | None = Field(
-        default=None,
-        ge=1,
-        le=6,
-        description="Largest number of effects in one explanation (if not given 5; if more than noise is left, each "
-        "beyond the third must halve the squared error); of an arm of three joints or more, at each joint "
-        "(3 if not given).",
-    )
-    budget_s: float | None = Field(
-        default=None,
-        gt=0,
-        description="CPU seconds that the search and its judgement may take; then the last answer that was judged "
-        "on the way stands, and says so. What it is may differ between machines. Without it they take what they need.",
-    )
-    confidence: float = Field(
-        default=0.95, gt=0.5, lt=1, description="Requested coverage of the conformal bound on what no effect explains."
-    )
-    rig: Literal["simulator", "hardware"] = Field(
-        default="hardware",
-        description="What was recorded. hardware (or another engine): effects go into the nominal model, and into the "
-        "simulator where it lacks them (`into_simulator`); simulator (the case's own): into the nominal model alone.",
-    )
-    into_simulator: bool | None = Field(
-        default=None,
-        description="hardware: whether the simulator of the corrected case also simulates the effects. By default the "
-        "version with the smaller error on the confirming recordings is taken; where that cannot be "
-        "decided, a simulator made of the nominal model gets them and one with a model of its own does not.",
-    )
+    """Such parameters with their values in a column of each file (or beside the samples of a JSON file): parameter ->
+    its column."""
+    payloads: tuple[PayloadSection, ...] = ()
+    """Weights that were mounted on a link of an arm of three joints or more in some files."""
+    held_out: HeldOut = Field(default_factory=HeldOut)
+    """The data that are kept for judging."""
+    window_s: float = Field(1.0, gt=0)
+    """Length of the windows that are simulated in the fit, in seconds."""
+    horizon_s: float = Field(0.5, gt=0)
+    """How far ahead of the causal initial state the error E(h) is reported, in seconds."""
+    noise: dict[str, Positive] = Field(default_factory=dict)
+    """Standard deviation of a channel's noise, in the unit of the state, where it is known; estimated from the data
+    elsewhere."""
+    effects: tuple[str, ...] = ()
+    """Effects that may be tried; if none is named, all of `simgap effects` but lugre_friction and
+    elasticity_behind_encoder."""
+    known: tuple[str, ...] = ()
+    """Parameters of the plant that are not in doubt, such as gravity or a length that was measured: no error of theirs
+    is sought."""
+    max_effects: int | None = Field(None, ge=1, le=6)
+    """Largest number of effects in one explanation (if not given 5; if more than noise is left, each beyond the third
+    must halve the squared error); of an arm of three joints or more, at each joint (3 if not given)."""
+    budget_s: float | None = Field(None, gt=0)
+    """CPU seconds that the search and its judgement may take; then the last answer that was judged on the way stands,
+    and says so. What it is may differ between machines. Without it they take what they need."""
+    confidence: float = Field(0.95, gt=0.5, lt=1)
+    """Requested coverage of the conformal bound on what no effect explains."""
+    rig: Literal["simulator", "hardware"] = "hardware"
+    """What was recorded. hardware (or another engine): effects go into the nominal model, and into the simulator where
+    it lacks them (`into_simulator`); simulator (the case's own): into the nominal model alone."""
+    into_simulator: bool | None = None
+    """hardware: whether the simulator of the corrected case also simulates the effects. By default the version with the
+    smaller error on the confirming recordings is taken; where that cannot be decided, a simulator made of the nominal
+    model gets them and one with a model of its own does not."""
 
     @model_validator(mode="after")
     def _one_source_each(self) -> MeasuredSection:

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 _PLANT = ("plant.urdf", "plant.states", "plant.inputs", "plant.gravity")
 _SIMULATED = ("name", *_PLANT, "plant.symbolic.wheels", "domain", "simulator", "sensing.latency", "sensing.latency_of")
 
+_PREVIOUS = ("hidden_state.previous", "hidden_state.classes")
 _MODEL = ("name", "plant", "domain")
 _HISTORIES = (
     "hidden_state.length", "hidden_state.chains", "hidden_state.chain_length", "hidden_state.seed",
@@ -34,15 +35,7 @@ _WHOLE = ("name", "title", "plant", *_RUN, "measured")
 
 READS: Mapping[str, tuple[str, ...]] = {
     "check": (*_WHOLE, "budget"),
-    "grid": (
-        "name",
-        "plant.states",
-        "plant.inputs",
-        "domain.X",
-        "domain.U",
-        "hidden_state.previous",
-        "hidden_state.classes",
-    ),
+    "grid": ("name", "plant.states", "plant.inputs", "domain.X", "domain.U", *_PREVIOUS),
     "rollouts": (*_SIMULATED, "grid.shards", *_HISTORIES),
     "fresh": (*_SIMULATED, "gap.fresh_samples", "gap.seed", "hidden_state"),
     "borders": (*_SIMULATED, "plant", "gap.seed", "hidden_state"),

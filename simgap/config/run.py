@@ -28,28 +28,32 @@ from simgap.errors import UserError
 class Excitation(Section):
     """A random-phase multisine on every input."""
 
-    amplitude: float = Field(gt=0, description="Largest |u|, in the unit of the input.")
-    low: float = Field(0.1, gt=0, description="Lowest frequency, Hz.")
-    high: float = Field(8.0, gt=0, description="Highest frequency, Hz.")
+    amplitude: float = Field(gt=0)
+    """Largest |u|, in the unit of the input."""
+    low: float = Field(0.1, gt=0)
+    """Lowest frequency, Hz."""
+    high: float = Field(8.0, gt=0)
+    """Highest frequency, Hz."""
 
 
 class Rig(Section):
     """Experiment: whose simulator stands in for hardware, how it is moved and what is measured."""
 
-    case: str = Field(description="Case file whose simulator is the rig, relative to this file.")
-    substeps: int | None = Field(
-        None,
-        ge=1,
-        description="Engine steps within tau while recording; those of the case if not given. Hardware does not move "
-        "in steps of the controller: a fine engine step keeps the engine's integration error out of the recordings.",
-    )
-    traces: int = Field(2, ge=1, description="Number of recordings, each from rest at the origin.")
-    seconds: float = Field(15.0, gt=0, description="Length of each, s.")
-    excitation: Excitation = Field(description="Signals of the inputs.")
-    noise: dict[str, float] = Field(
-        min_length=1, description="For each state that is measured, the standard deviation of its noise."
-    )
-    seed: int = Field(0, ge=0, description="Seed of phases and noise.")
+    case: str
+    """Case file whose simulator is the rig, relative to this file."""
+    substeps: int | None = Field(None, ge=1)
+    """Engine steps within tau while recording; those of the case if not given. Hardware does not move in steps of the
+    controller: a fine engine step keeps the engine's integration error out of the recordings."""
+    traces: int = Field(2, ge=1)
+    """Number of recordings, each from rest at the origin."""
+    seconds: float = Field(15.0, gt=0)
+    """Length of each, s."""
+    excitation: Excitation
+    """Signals of the inputs."""
+    noise: dict[str, float] = Field(min_length=1)
+    """For each state that is measured, the standard deviation of its noise."""
+    seed: int = Field(0, ge=0)
+    """Seed of phases and noise."""
 
 
 def case_of_rig(path: Path) -> Path:
@@ -80,19 +84,16 @@ MOST_POINTS = 1000
 class Sweep(Section):
     """A sweep file."""
 
-    case: str = Field(description="Case file, relative to the sweep file.")
-    title: str = Field("", description="Title of the page.")
-    mode: Literal["grid", "zip", "list"] = Field(
-        "grid",
-        description="grid: every combination. zip: the first values, the second ones, ... list: the `points`, one by "
-        "one.",
-    )
-    axes: dict[str, tuple[Any, ...]] = Field(
-        default_factory=dict, description="Values by dotted key of the case, such as gap.basis or synthesis.cells."
-    )
-    points: tuple[dict[str, Any], ...] = Field(
-        (), description="mode list: for each point its values by dotted key; other keys stay as they are."
-    )
+    case: str
+    """Case file, relative to the sweep file."""
+    title: str = ""
+    """Title of the page."""
+    mode: Literal["grid", "zip", "list"] = "grid"
+    """grid: every combination. zip: the first values, the second ones, ... list: the `points`, one by one."""
+    axes: dict[str, tuple[Any, ...]] = Field(default_factory=dict)
+    """Values by dotted key of the case, such as gap.basis or synthesis.cells."""
+    points: tuple[dict[str, Any], ...] = ()
+    """mode list: for each point its values by dotted key; other keys stay as they are."""
 
 
 @dataclass(frozen=True)
@@ -128,10 +129,8 @@ def points_of_sweep(path: Path) -> list[Point]:
         UserError: axes of different lengths where they are zipped, too many points, or a point that is no case.
     """
     if not NAME.fullmatch(path.stem):
-        raise UserError(
-            "the file's name is that of the sweep and of a folder", file=path,
-            remedy="Rename it: lower-case letters, digits, and single - or _ between them, such as basis.yaml.",
-        )  # fmt: skip
+        remedy = "Rename it: lower-case letters, digits, and single - or _ between them, such as basis.yaml."
+        raise UserError("the file's name is that of the sweep and of a folder", file=path, remedy=remedy)
     sweep = load_sweep(path)
     listed = sweep.mode == "list"
     if bool(sweep.axes) == listed or bool(sweep.points) != listed:
@@ -187,19 +186,23 @@ def _set(content: dict[str, Any], key: str, value: Any, path: Path) -> None:
 class EpsSweep(Section):
     """More points of one case."""
 
-    eps: tuple[float, ...] = Field((), description="Radii of the balls that cover X, beside the case's own.")
+    eps: tuple[float, ...] = ()
+    """Radii of the balls that cover X, beside the case's own."""
 
 
 class WorkflowConfig(Section):
     """Settings of a run: where its files are, and its cases."""
 
-    case_folder: str = Field("configs/cases", description="Folder of the case files.")
-    rig_folder: str = Field("configs/rigs", description="Folder of the rigs that stand in for hardware.")
-    sweep_folder: str = Field("configs/sweeps", description="Folder of sweep files.")
-    cases: list[str] = Field(min_length=1, description="Cases of the run, by the names of their files.")
-    sweeps: dict[str, EpsSweep] = Field(
-        default_factory=dict, description="More points, by case, for the table of eps of a full run."
-    )
+    case_folder: str = "configs/cases"
+    """Folder of the case files."""
+    rig_folder: str = "configs/rigs"
+    """Folder of the rigs that stand in for hardware."""
+    sweep_folder: str = "configs/sweeps"
+    """Folder of sweep files."""
+    cases: list[str] = Field(min_length=1)
+    """Cases of the run, by the names of their files."""
+    sweeps: dict[str, EpsSweep] = Field(default_factory=dict)
+    """More points, by case, for the table of eps of a full run."""
 
     @field_validator("cases", mode="before")
     @classmethod

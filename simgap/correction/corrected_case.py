@@ -21,12 +21,10 @@ import yaml
 
 from simgap import plugins, reading
 from simgap.config.case import Case
-from simgap.config.domain import InputSet
-from simgap.config.function_file import plugin_copies, with_plugin_copies
 from simgap.config.load import case_content, parse_case
 from simgap.config.measured import MeasuredSection
-from simgap.config.model_files import move_files
-from simgap.config.plant import AddedEffect
+from simgap.config.named_files import move_files, plugin_copies, with_plugin_copies
+from simgap.config.plant import AddedEffect, InputSet
 from simgap.correction.remainder import RemainderUse
 from simgap.correction.transitions import Followed, followed, stray
 from simgap.diagnosis.result import Diagnosis

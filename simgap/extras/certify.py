@@ -29,7 +29,6 @@ from simgap.io.gap_file import SavedGap, load_gap
 from simgap.model.expressions import prefix
 from simgap.model.sampled import NominalModel
 from simgap.plants.context import Context
-from simgap.provenance import provenance
 from simgap.specifications.base import specification_of
 from simgap.specifications.invariance import Invariance
 from simgap.specifications.reaching import ReachAvoid
@@ -256,7 +255,7 @@ def run(case_path: Path, gap: Path, controller_path: Path, out: Path) -> None:
             context.case.name, context.units, context.plant.sampled, bound.function, known_gap(context),
             controller.solution, controller.input_set, controller.input_names, _task(context, bound, gap),
         )  # fmt: skip
-        head = write_certificate(out, what, provenance("certify", context.case, context.folder))
+        head = write_certificate(out, what, context.record("certify"))
     won = int(controller.solution.winning.sum())
     pairs = int(np.bitwise_count(controller.solution.admitted(len(controller.input_set))).sum())
     log.info("certificate of %d cells and %d pairs in %s (digest %s)", won, pairs, out, head["digest"][:16])

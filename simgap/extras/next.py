@@ -25,11 +25,10 @@ from simgap.extras.experiment.rivals import Explained, library_names
 from simgap.geometry import Box
 from simgap.io import figure_style as style
 from simgap.io.atomic import write_text
-from simgap.io.documents import write_json
 from simgap.io.recordings.measured import load_reading
+from simgap.io.results import write_json
 from simgap.notation import axis_label, joined, number, pretty_unit
 from simgap.plants.context import Context
-from simgap.provenance import provenance
 from simgap.stages import log
 from simgap.stages.diagnosis import settings_of
 from simgap.stages.gap_inputs import read_result
@@ -367,7 +366,7 @@ def _write(context: Context, question: Question, advice: Advice, out_dir: Path) 
         rows = np.column_stack([advice.proposal.bench.t, best.u[:, : len(names)]]).tolist()
         lines = [",".join(["t", *names]), *(",".join(f"{v:.9g}" for v in row) for row in rows)]
         write_text(out_dir / INPUT, "\n".join(lines) + "\n")
-    content["provenance"] = provenance("next", context.case, context.folder, {"inputs": SEED})
+    content["provenance"] = context.record("next", {"inputs": SEED})
     write_json(out_dir / JSON, content)
     if best is not None:
         with style.figure_style():

@@ -20,7 +20,7 @@ from simgap.gap.bounds.function import GapDomain, Tier
 from simgap.gap.bounds.linear import LinearGap
 from simgap.gap.sampling.points import product
 from simgap.geometry import Box, Grid
-from simgap.io.documents import write_json
+from simgap.io.results import write_json
 from simgap.late import sympy as sp
 from simgap.model.expressions import parse
 from simgap.plants.context import Context

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from simgap import reading
 from simgap.arrays import Bools, Ints
-from simgap.errors import UserError
+from simgap.errors import UserError, placed
 from simgap.geometry import Box, Grid
 from simgap.io.atomic import SEAL, seal_holds, sealed, write_text
 from simgap.io.pages import text
@@ -206,16 +206,12 @@ def save_controller(controller: Controller, path: Path | str) -> None:
         write_arrays(temporary, arrays)
 
 
-def load_controller(path: Path | str) -> Controller:
-    """Read a controller.
+def load_controller(path: Path | str, whole: bool = True) -> Controller:
+    """Read a controller, or without its admissible inputs, nearly all of its bytes: it refuses to be asked for one.
 
     Raises:
-        UserError: a file that is missing, damaged, changed by hand or no controller at all.
+        UserError: a file that is missing, damaged, changed by hand or no controller at all, as far as it is read.
     """
-    return _load(path, whole=True)
-
-
-def _load(path: Path | str, whole: bool) -> Controller:
     try:
         data = reading.read_bytes(Path(path))
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
@@ -226,70 +222,48 @@ def _load(path: Path | str, whole: bool) -> Controller:
             require(holds is not None, "it has no checksum, so nothing says that it is whole")
             require(holds, "its checksum does not fit its content")
             arrays = {name: read_array(archive, name) for name in names if whole or name not in _INPUTS}
-        about = json.loads(arrays["about"].tobytes().decode())
-        return controller_from(about, arrays)
+        return controller_from(json.loads(arrays["about"].tobytes().decode()), arrays)
     except FileNotFoundError:
         raise UserError("there is no such controller", file=path, remedy="Run the synthesis stage") from None
     except TooLarge as error:
         raise UserError(error.problem, file=path, remedy=FEWER) from None
-    except UserError as error:
-        raise UserError(f"not a controller file ({error.problem})", file=path, remedy=REMEDY) from None
-    except (
-        AttributeError,  # an array that is no archive
-        KeyError,
-        TypeError,
-        ValueError,
-        OSError,
-        EOFError,
-        MemoryError,  # a damaged header may ask for any size
-        RuntimeError,  # a flag that says encrypted or compressed some other way; a recursion without end
-        zipfile.BadZipFile,
-        zlib.error,
-    ) as error:
-        raise UserError(f"not a controller file ({error!s:.120})", file=path, remedy=REMEDY) from None
+    except _DAMAGE as error:
+        problem = error.problem if isinstance(error, UserError) else f"{error!s:.120}"
+        raise UserError(f"not a controller file ({problem})", file=path, remedy=REMEDY) from None
 
 
-def load_domain(path: Path | str) -> Controller:
-    """Read a controller but for its admissible inputs, nearly all of its bytes; it refuses to be asked for one.
-
-    Raises:
-        UserError: what `load_controller` refuses, as far as it is read.
-    """
-    return _load(path, whole=False)
-
-
-def load_domain_of(path: Path | str, wanted: Context) -> Controller:
-    """`load_domain` of the controller of a case.
-
-    Raises:
-        UserError: as `load_controller_of`.
-    """
-    return _made_for(wanted, load_domain(path), path)
+_DAMAGE = (
+    UserError,
+    AttributeError,  # an array that is no archive
+    KeyError,
+    TypeError,
+    ValueError,
+    OSError,
+    EOFError,
+    MemoryError,  # a damaged header may ask for any size
+    RuntimeError,  # a flag that says encrypted or compressed some other way; a recursion without end
+    zipfile.BadZipFile,
+    zlib.error,
+)
 
 
-def load_controller_of(path: Path | str, wanted: Context) -> Controller:
-    """Read the controller of a case.
+def load_controller_of(path: Path | str, wanted: Context, whole: bool = True) -> Controller:
+    """Read the controller of a case, as `load_controller`.
 
     Raises:
         UserError: what `load_controller` refuses, and a controller of another case, named, or of another U.
     """
-    return _made_for(wanted, load_controller(path), path)
-
-
-def _made_for(wanted: Context, found: Controller, path: Path | str) -> Controller:
+    found = load_controller(path, whole)
     made_for = found.metadata.get("case")
-    for what, one, other in (
-        ("case", made_for, wanted.case.name),
-        ("states", list(found.states), list(wanted.states)),
-        ("inputs", list(found.input_names), list(wanted.inputs)),
-    ):
-        if one != other:
-            raise UserError(
-                f"the controller is of another case: its {what} is {one}, that of this case {other}", file=path,
-                remedy=REMEDY,
-            )  # fmt: skip
-    if not np.array_equal(found.input_set, wanted.input_set):
-        raise UserError(f"the controller of '{made_for}' is of another U than this case has", file=path, remedy=REMEDY)
+    with placed(file=path, remedy=REMEDY):
+        for what, one, other in (
+            ("case", made_for, wanted.case.name),
+            ("states", list(found.states), list(wanted.states)),
+            ("inputs", list(found.input_names), list(wanted.inputs)),
+        ):
+            require(one == other, f"the controller is of another case: its {what} is {one}, that of this case {other}")
+        same = np.array_equal(found.input_set, wanted.input_set)
+        require(same, f"the controller of '{made_for}' is of another U than this case has")
     wanted.own(path, found.metadata, "synthesis")
     return found
 
@@ -350,9 +324,8 @@ def export_controller(controller: Controller, path: Path | str) -> None:
         raise UserError("is neither a C header nor Python", file=path, remedy="Let the name end with .h or .py.")
     name = re.sub(r"\W", "_", path.stem, flags=re.ASCII)
     if not re.match(r"[A-Za-z]", name):
-        raise UserError(
-            "does not begin with a letter, but names in it must", file=path, remedy="Give another file name."
-        )
+        remedy = "Give another file name."
+        raise UserError("does not begin with a letter, but names in it must", file=path, remedy=remedy)
     write_text(path, text(f"controller{path.suffix}.j2", **_content(controller, name)))
 
 

@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from markupsafe import Markup
+
 from simgap.io.atomic import atomic, write_text
 from simgap.io.pages import folder
 from simgap.io.traces import BASELINE, GAP_AWARE, NOMINAL
@@ -74,8 +76,6 @@ def _label(text: str) -> str:
 
 def svg_text(figure: Any) -> str:
     """A figure as an SVG element to put into a page; it carries no date, so equal figures are equal text."""
-    from markupsafe import Markup
-
     buffer = io.StringIO()
     save(figure, buffer, format="svg", metadata={"Date": None, "Creator": None})
     text = buffer.getvalue()
@@ -88,8 +88,6 @@ def drawn(path: Path, figure: Callable[..., Any], *content: Any) -> str:
 
     Where it cannot be drawn, a sentence stands in its place, no more is lost.
     """
-    from markupsafe import Markup
-
     text = ""
     try:
         made = figure(*content)

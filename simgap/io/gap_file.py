@@ -13,7 +13,7 @@ from simgap.errors import UserError, placed
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain, GapFunction
 from simgap.gap.bounds.load import from_json
-from simgap.io.documents import read_json
+from simgap.io.results import read_json
 from simgap.plants.context import Context
 
 REMEDY = "Run the gap stage of this case again."

@@ -56,10 +56,8 @@ def export_model(case: Path | str, out: Path | str) -> None:
     model: Any = _mjcf_of(section, source) if in_mjcf else reading.read_xml(source)
     for k, effect in enumerate(plant.effects):
         if not is_written(model, effect):
-            raise UserError(
-                f"{form} cannot hold '{effect.name}' on '{effect.on}'", file=case, key=f"plant.effects.{k}",
-                remedy=REMEDY,
-            )  # fmt: skip
+            problem = f"{form} cannot hold '{effect.name}' on '{effect.on}'"
+            raise UserError(problem, file=case, key=f"plant.effects.{k}", remedy=REMEDY)
     if in_mjcf:
         model.compile()
         write_text(out, model.to_xml())

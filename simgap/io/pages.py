@@ -10,6 +10,8 @@ import re
 from pathlib import Path
 from typing import Any
 
+from markupsafe import Markup, escape
+
 from simgap import reading
 from simgap.errors import UserError
 from simgap.notation import interval, number, powers, pretty_unit, printable
@@ -31,15 +33,12 @@ def need_template(template: str) -> None:
     """
     for name in (template, STYLE):
         if not reading.is_file(folder() / name):
-            raise UserError(
-                "the template of the page is missing", file=folder() / name, remedy="Install simgap again, whole."
-            )
+            remedy = "Install simgap again, whole."
+            raise UserError("the template of the page is missing", file=folder() / name, remedy=remedy)
 
 
 def described(picture: str, alt: str) -> str:
     """A figure (an SVG or image element) with its alternative text, for who cannot see it."""
-    from markupsafe import Markup, escape
-
     text = str(picture)
     if text.startswith("<img"):
         return Markup(text.replace('alt=""', f'alt="{escape(alt)}"', 1))
@@ -48,22 +47,16 @@ def described(picture: str, alt: str) -> str:
 
 def script_data(content: Any) -> str:
     """Plain data as JSON that can stand in a script element."""
-    from markupsafe import Markup
-
     return Markup(json.dumps(content, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"))
 
 
 def library(name: str) -> str:
     """A script of `reports/`, whole, to stand in a page."""
-    from markupsafe import Markup
-
     return Markup(reading.read_text(folder() / name))
 
 
 def render(template: str, **content: Any) -> str:
     """A page from a template, printable; figures given as SVG text are put in as they are, all else is escaped."""
-    from markupsafe import Markup
-
     from simgap.diagnosis.verdict.words import phrase
 
     environment = _environment(autoescape=True)

@@ -181,9 +181,8 @@ def job_times(results: Path) -> list[JobTime]:
     """
     found = [_one(results, path) for path in sorted(results.rglob("benchmarks/*.tsv"))]
     if not found:
-        raise UserError(
-            "no job has left its times here", file=results, remedy="Give the folder `results` of a run, or of one case."
-        )
+        remedy = "Give the folder `results` of a run, or of one case."
+        raise UserError("no job has left its times here", file=results, remedy=remedy)
     return sorted(found, key=lambda job: -job.cpu)
 
 
@@ -194,9 +193,8 @@ def _one(results: Path, path: Path) -> JobTime:
         wall, cpu, memory = (_number(row[key]) for key in ("s", "cpu_time", "max_rss"))
         ended = path.stat().st_mtime
     except (KeyError, IndexError, ValueError, csv.Error) as error:
-        raise UserError(
-            f"not a benchmark file of Snakemake ({excerpt(error)})", file=path, remedy="Delete it and run again."
-        ) from None
+        remedy = "Delete it and run again."
+        raise UserError(f"not a benchmark file of Snakemake ({excerpt(error)})", file=path, remedy=remedy) from None
     logged = cpu_seconds_in_log(path.parents[1] / "logs" / f"{path.stem}.log")
     cpu = cpu if logged is None else logged
     case = path.parents[1].relative_to(results)

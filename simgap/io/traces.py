@@ -10,7 +10,7 @@ import numpy as np
 
 from simgap.arrays import Bools, Floats
 from simgap.errors import UserError
-from simgap.io.parquet import stack, table
+from simgap.io.results import stack, table
 from simgap.late import pyarrow as pa
 from simgap.late import pyarrow_compute as pc
 
@@ -136,10 +136,8 @@ def shown(traces: Sequence[Trace], controller: str) -> Trace:
     """
     own = [t for t in traces if t.controller == controller and t.plant == SIMULATOR]
     if not own:
-        raise UserError(
-            f"there is no trace of the {controller} controller in the simulator",
-            remedy="Run the validation stage again.",
-        )
+        remedy = "Run the validation stage again."
+        raise UserError(f"there is no trace of the {controller} controller in the simulator", remedy=remedy)
     violating = [t for t in own if t.violates]
     if violating:
         return max(violating, key=lambda t: t.duration)

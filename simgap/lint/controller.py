@@ -38,10 +38,8 @@ def refuse_specification(context: Context) -> None:
     specification = specification_of(case)
     region = specification.region(Space.of(case))
     if len(section.cells) != region.size:
-        raise UserError(
-            f"{len(section.cells)} cell counts for {region.size} states", key="synthesis.cells",
-            remedy="Give one for each state, in order.",
-        )  # fmt: skip
+        problem = f"{len(section.cells)} cell counts for {region.size} states"
+        raise UserError(problem, key="synthesis.cells", remedy="Give one for each state, in order.")
     if case.validation is not None and case.validation.fair_baseline:
         path_aware_baseline(context)
     late = case.sensing is not None and case.sensing.latency > 0

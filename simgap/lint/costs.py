@@ -130,12 +130,9 @@ def affordable(context: Context, found: list[StageCost]) -> None:
         if over_memory or over_time:
             needs = [f"about {size(cost.bytes)}"] * over_memory + [f"about {duration(cost.seconds)}"] * over_time
             has = [size(budget.bytes)] * over_memory + [duration(3600.0 * budget.time)] * over_time
-            raise UserError(
-                f"{cost.count:,} {cost.of} need {' and '.join(needs)}; the budget is {' and '.join(has)}",
-                file=context.path,
-                key=cost.key,
-                remedy=f"Ask for less there, or raise budget.{'memory' if over_memory else 'time'}.",
-            )
+            problem = f"{cost.count:,} {cost.of} need {' and '.join(needs)}; the budget is {' and '.join(has)}"
+            remedy = f"Ask for less there, or raise budget.{'memory' if over_memory else 'time'}."
+            raise UserError(problem, file=context.path, key=cost.key, remedy=remedy)
 
 
 def _samples(context: Context, rollout: float, eps: float | None, startup: float) -> Iterator[StageCost]:
@@ -223,10 +220,8 @@ def _control(context: Context, rollout: float, startup: float, pair: float) -> I
         "synthesis", cells * inputs * rows, of, seconds, BYTES + a_cell * cells + kept, "synthesis.cells",
     )  # fmt: skip
     if case.validation is not None and case.simulator is not None:
-        steps, ends = (
-            (case.validation.count() + case.validation.baseline_count()) * case.validation.steps,
-            not _holds(case),
-        )
+        steps = (case.validation.count() + case.validation.baseline_count()) * case.validation.steps
+        ends = not _holds(case)
         yield StageCost(
             "validation", steps, "closed-loop steps" + " at most" * ends, startup + steps * (rollout + LOOP), 2 * BYTES,
             "validation.starts", ends,

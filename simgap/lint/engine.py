@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
@@ -16,7 +16,7 @@ import numpy as np
 
 from simgap import plugins, reading
 from simgap.config.case import Case
-from simgap.config.model_files import places_of
+from simgap.config.named_files import places_of
 from simgap.errors import Finding, UserError
 from simgap.io.wheeled_urdf import axle, numbers, wheels_of
 from simgap.late import scipy
@@ -34,20 +34,17 @@ SAID, REFUSED = 0.02, 1.5
 a slip of the pen. Judgement."""
 
 
-def find_bolted_base(context: Context) -> list[Finding]:
+def find_bolted_base(context: Context) -> Iterator[Finding]:
     """A robot on legs or wheels, or with a free base, whose plant holds its base still."""
     urdf = context.case.plant.urdf
-    if urdf is None or (base := base_of(reading.read_xml(context.folder / urdf))).kind == "fixed":
-        return []
-    return [
-        Finding(
+    if urdf is not None and (base := base_of(reading.read_xml(context.folder / urdf))).kind != "fixed":
+        yield Finding(
             BOLTED, f"{base.words}, and here its base is bolted to the world, in the model and in the engine",
             "Leave it for a robot on a stand; one that stands or drives needs equations of its own.",
-        )
-    ]  # fmt: skip
+        )  # fmt: skip
 
 
-def find_other_wheel_sizes(context: Context) -> list[Finding]:
+def find_other_wheel_sizes(context: Context) -> Iterator[Finding]:
     """Sizes that differ from the file's, where it has two wheels that are the case's.
 
     Raises:
@@ -55,12 +52,11 @@ def find_other_wheel_sizes(context: Context) -> list[Finding]:
     """
     section: Any = context.case.simulator
     if not hasattr(section, "wheel_radius"):
-        return []
+        return
     urdf = context.folder / section.urdf
     found = wheels_of(urdf)
     if found is None or {section.left, section.right} != {found.left, found.right}:
-        return []
-    apart = []
+        return
     sizes = ("wheel_radius", section.wheel_radius, found.radius), ("track", section.track, found.track)
     for key, own, stated in sizes:
         differs = f"{own:g} m, where the wheels of {urdf.name} have {stated:g} m"
@@ -68,8 +64,7 @@ def find_other_wheel_sizes(context: Context) -> list[Finding]:
             raise UserError(differs, key=f"simulator.{key}", remedy=f"Set it to {stated:g}, or correct the URDF.")
         if abs(own / stated - 1.0) > SAID:
             remedy = "Leave it, if it was calibrated: the robot then drives as these numbers say, the model as its own"
-            apart.append(Finding(f"simulator.{key}", differs, remedy))
-    return apart
+            yield Finding(f"simulator.{key}", differs, remedy)
 
 
 TIPS, STANDS, OFF, ALIGNED, PULL = 0.2, 0.2, 0.15, 0.1, 0.05
@@ -79,18 +74,16 @@ most; those spoilt on purpose (`tests/stages/test_drive.py`) lean by .36 or more
 .17 or more; a motor with a twentieth of its torque comes to .32. Beyond ALIGNED two directions differ: judgement."""
 
 
-def driven_as_told(context: Context, driven: list[Drive]) -> list[Finding]:
+def driven_as_told(context: Context, driven: list[Drive]) -> Iterator[Finding]:
     """Findings where the robot is slower, faster or turns wider than told; none for an engine without wheels.
 
     Raises:
         UserError: a robot that tips over, sinks, stands still or goes another way.
     """
-    found: list[Finding] = []
     for drive in driven:
         section: Any = context.case.simulator
         _refuse_another_way(drive, section, context.folder / section.urdf)
-        found += _off(drive, section)
-    return found
+        yield from _off(drive, section)
 
 
 def _refuse_another_way(drive: Drive, section: Any, urdf: Path) -> None:
@@ -143,39 +136,32 @@ def _refuse_standing(drive: Drive, section: Any, urdf: Path, problem: str, both:
     )  # fmt: skip
 
 
-def _off(drive: Drive, section: Any) -> list[Finding]:
+def _off(drive: Drive, section: Any) -> Iterator[Finding]:
     """Speeds that are not those of the command, with the key that would explain it."""
     main, key = (0, "wheel_radius") if drive.straight else (2, "track")
     told, moved = (drive.told[0] if drive.straight else drive.told[1]), drive.moved[main]
     share, pull = moved / told, drive.moved[2] - drive.told[1]
     if drive.straight and PULL * abs(told) < abs(pull) * section.track / 2:
-        return [
-            Finding(
-                "simulator.urdf", f"commanded {told:g} m/s and {drive.told[1]:g} rad/s, the robot turns by "
-                f"{drive.moved[2]:.2g} rad/s in its engine: it pulls to one side",
-                "Compare the radii and places of both wheels, and what rubs on one side; the gap covers what it does",
-            )
-        ]  # fmt: skip
+        yield Finding(
+            "simulator.urdf", f"commanded {told:g} m/s and {drive.told[1]:g} rad/s, the robot turns by "
+            f"{drive.moved[2]:.2g} rad/s in its engine: it pulls to one side",
+            "Compare the radii and places of both wheels, and what rubs on one side; the gap covers what it does",
+        )  # fmt: skip
+        return
     if abs(share - 1.0) <= OFF:
-        return []
+        return
     unit, verb = ("m/s", "drives") if drive.straight else ("rad/s", "turns")
     problem = f"commanded {told:g} {unit} for two seconds, the robot {verb} at {moved:.3g} {unit} in its engine"
     reached = min(own / aim for own, aim in zip(drive.turning, drive.asked, strict=True) if aim != 0.0)
     if reached < 1.0 - OFF:
-        return [
-            Finding(
-                "simulator.torque",
-                f"{problem}, its wheels at {reached:.0%} of the commanded rate",
-                "Raise it if the motors are stronger; the gap covers what they do",
-            )
-        ]
-    return [
-        Finding(
-            f"simulator.{key}", problem,
-            "Compare it with the URDF, and the wheels' <collision> shapes with the floor: the edges of a cylinder "
-            "scrub where a sphere touches in one point; the gap covers what the engine does",
-        )
-    ]  # fmt: skip
+        problem += f", its wheels at {reached:.0%} of the commanded rate"
+        yield Finding("simulator.torque", problem, "Raise it if the motors are stronger; the gap covers what they do")
+        return
+    yield Finding(
+        f"simulator.{key}", problem,
+        "Compare it with the URDF, and the wheels' <collision> shapes with the floor: the edges of a cylinder "
+        "scrub where a sphere touches in one point; the gap covers what the engine does",
+    )  # fmt: skip
 
 
 def wheel_fault(urdf: Path, joint: str) -> tuple[str, str] | None:
@@ -354,7 +340,6 @@ def model_file(context: Context) -> ModelFile | None:
             if mesh.startswith("package://"):
                 continue  # found through the paths of a ROS installation, if at all
             if not any(map(reading.is_file, places_of(file.path, mesh))):
-                raise UserError(
-                    "the mesh does not exist", file=file.path, key=f"mesh '{mesh}'", remedy="Correct its path."
-                )
+                remedy = "Correct its path."
+                raise UserError("the mesh does not exist", file=file.path, key=f"mesh '{mesh}'", remedy=remedy)
     return read[-1] if read else None

@@ -81,54 +81,42 @@ def _one_system(rates: Sequence[sp.Expr], states: Sequence[str], factors: Mappin
     return True
 
 
-def find_mixed_units(context: Context) -> list[Finding]:
+def find_mixed_units(context: Context) -> Iterator[Finding]:
     """Parameters that are not in SI units while every state and input is: their values are not converted."""
     section = context.case.plant.symbolic
     if section is None or any(abs(of_base(u) - 1.0) > 1e-9 for u in context.units.values()):
-        return []
-    return [
-        Finding(
-            f"plant.symbolic.parameters.{name}",
-            f"is in {p.unit}, while states and inputs are in SI units; the equations take the number as it stands",
-            f"Write it in SI units: {p.value * of_base(p.unit):.6g}",
-        )
-        for name, p in section.parameters.items()
-        if abs(of_base(p.unit) - 1.0) > 1e-9
-    ]
+        return
+    for name, p in section.parameters.items():
+        if abs(of_base(p.unit) - 1.0) > 1e-9:
+            yield Finding(
+                f"plant.symbolic.parameters.{name}",
+                f"is in {p.unit}, while states and inputs are in SI units; the equations take the number as it stands",
+                f"Write it in SI units: {p.value * of_base(p.unit):.6g}",
+            )
 
 
-def find_wrong_dimensions(context: Context) -> list[Finding]:
+def find_wrong_dimensions(context: Context) -> Iterator[Finding]:
     """Equations whose terms are of different dimensions, or that do not give what their state has a second."""
     if context.case.plant.symbolic is None:
-        return []
+        return
     model = context.plant.declared
     units = {v.name: v.unit for v in (*model.states, *model.inputs)} | {k: p.unit for k, p in model.parameters.items()}
     known = {name: dimension(unit) for name, unit in units.items()}
-    wrong = {v.name: rate_mismatch(rate, v.unit, known) for v, rate in zip(model.states, model.xdot, strict=True)}
-    return [
-        Finding(
-            f"plant.symbolic.dynamics.{name}", words, "Correct a unit or the equation (a number may carry any unit)"
-        )
-        for name, words in wrong.items()
-        if words
-    ]
+    for v, rate in zip(model.states, model.xdot, strict=True):
+        if words := rate_mismatch(rate, v.unit, known):
+            remedy = "Correct a unit or the equation (a number may carry any unit)"
+            yield Finding(f"plant.symbolic.dynamics.{v.name}", words, remedy)
 
 
-def find_heavy_steps(context: Context) -> list[Finding]:
+def find_heavy_steps(context: Context) -> Iterator[Finding]:
     """A nominal step of so many operations that synthesis will take far longer than is estimated."""
-    if context.case.synthesis is None:
-        return []
-    operations = context.plant.sampled.operations
-    if operations <= HEAVY:
-        return []
-    return [
-        Finding(
+    if context.case.synthesis is not None and (operations := context.plant.sampled.operations) > HEAVY:
+        yield Finding(
             "plant",
             f"a step of the nominal model has {operations:,} operations; compiling and asking it takes synthesis "
             "minutes to hours more than is estimated",
             "Leave out terms that matter little, or fix joints; what the model then misses is in the gap",
         )
-    ]
 
 
 HOPELESS = 100.0
@@ -141,7 +129,7 @@ LEADS = 0.5
 DRAWN, MOST_INPUTS, LONGEST_RULE = 200, 16, 20_000
 
 
-def find_long_steps(context: Context) -> list[Finding]:
+def find_long_steps(context: Context) -> Iterator[Finding]:
     """A finding for each state that crosses all of X within one sampling time from most of X x U, or hardly moves.
 
     By the nominal model.
@@ -152,10 +140,10 @@ def find_long_steps(context: Context) -> list[Finding]:
         UserError: a state that crosses X a hundred times.
     """
     if context.case.domain is None or not context.states:
-        return []
+        return
     model, box = context.plant.sampled, context.box
     if model.operations > LONGEST_RULE:
-        return []
+        return
     inputs = context.input_set[np.linspace(0, len(context.input_set) - 1, MOST_INPUTS).round().astype(int)]
     drawn = box.lo + (box.hi - box.lo) * np.random.default_rng(0).random((DRAWN, len(context.states)))
     x, u = (np.array(part) for part in zip(*itertools.product(drawn, inputs), strict=True))
@@ -164,7 +152,6 @@ def find_long_steps(context: Context) -> list[Finding]:
     with np.errstate(all="ignore"):
         values = np.stack([np.broadcast_to(row, len(x)) for row in rows(*x.T, *u.T)], axis=1)
     moved = np.abs(values * model.tau if rates is not None else values - x)
-    found = []
     widths = np.median(moved, axis=0) / (box.hi - box.lo)
     for j in np.argsort(-widths, kind="stable"):  # what is refused is the worst: others may only follow it
         name = context.states[j]
@@ -178,14 +165,13 @@ def find_long_steps(context: Context) -> list[Finding]:
             if usual > HOPELESS * width:
                 remedy = f"Look at the units of tau, X and U, and at parameters{_leading(context, j, x, u)}."
                 raise UserError(problem, key="domain.tau", remedy=remedy)
-            found.append(Finding("domain.tau", problem, "Shorten tau (is it in seconds?), or enlarge X"))
+            yield Finding("domain.tau", problem, "Shorten tau (is it in seconds?), or enlarge X")
         elif float(most := moved[:, j].max()) < HARDLY * width:
             problem = (
                 f"{name} moves by at most {most / width:.2g} of the width of X in one sampling time of {model.tau:g} s"
             )
             remedy = f"Look at the units of tau and X, and at parameters{_leading(context, j, x, u)}; or lengthen tau"
-            found.append(Finding("domain.tau", problem, remedy))
-    return found
+            yield Finding("domain.tau", problem, remedy)
 
 
 def _leading(context: Context, j: int, x: Floats, u: Floats) -> str:
@@ -305,7 +291,7 @@ PLACES, SAME = 50, 1e-9
 a double leaves 1e-16 of it, four decimals of pi leave 1e-5, and what is proven on X would not hold a turn away."""
 
 
-def find_degrees(context: Context, joints: Mapping[str, FileJoint]) -> list[Finding]:
+def find_degrees(context: Context, joints: Mapping[str, FileJoint]) -> Iterator[Finding]:
     """A finding for each angle of X in rad whose ends look like degrees.
 
     Args:
@@ -315,9 +301,8 @@ def find_degrees(context: Context, joints: Mapping[str, FileJoint]) -> list[Find
     Raises:
         UserError: an angle far beyond the limits of its joint, which would lie within them as degrees.
     """
-    if context.case.domain is None:
-        return []
-    return [found for name in context.states if (found := _angle(context, joints, name)) is not None]
+    if context.case.domain is not None:
+        yield from filter(None, (_angle(context, joints, name) for name in context.states))
 
 
 def affordable_or_degrees(context: Context, found: list[StageCost]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 from simgap.config.gap import LipschitzSection
 from simgap.config.plant import AddedEffect
@@ -61,34 +61,32 @@ _BESIDE, _SAME = 1e-9, 1e-3
 """Share of X's speeds that is close to rest, and of the largest force by which a smooth one may differ across it."""
 
 
-def find_jumps_at_rest(context: Context) -> list[Finding]:
+def find_jumps_at_rest(context: Context) -> Iterator[Finding]:
     """A finding for each effect of the simulator that switches at rest within X and is none of the nominal model."""
     case = context.case
     if case.simulator is None or case.gap is None or case.domain is None or case.hidden_state is not None:
-        return []
+        return
     if isinstance(case.gap.basis, Blocks) and case.gap.lipschitz.rough_limit > LipschitzSection().rough_limit:
-        return []  # made for it
+        return  # made for it
     known = {(own.name, own.on) for own in case.plant.effects}
-    return [
-        Finding(
-            f"simulator.effects.{k}",
-            f"{added.name} on {added.on} switches at rest, and the nominal model lacks it: the gap jumps where "
-            f"{velocity} changes its sign, and `gap` refuses it if more than {case.gap.lipschitz.rough_limit:g} of the "
-            "cells see that",
-            "Declare it in plant.effects too; or let the bound take the jump in, with gap.basis: {kind: blocks}, as "
-            "many along that speed as the grid has cells, and gap.lipschitz.rough_limit: 0.5",
-        )
-        for k, added in enumerate(case.simulator.effects)
-        if (added.name, added.on) not in known and (velocity := _jumps_along(context, added)) is not None
-    ]
+    for k, added in enumerate(case.simulator.effects):
+        if (added.name, added.on) not in known and (velocity := _jumps_along(context, added)) is not None:
+            yield Finding(
+                f"simulator.effects.{k}",
+                f"{added.name} on {added.on} switches at rest, and the nominal model lacks it: the gap jumps where "
+                f"{velocity} changes its sign, and `gap` refuses it if more than {case.gap.lipschitz.rough_limit:g} "
+                "of the cells see that",
+                "Declare it in plant.effects too; or let the bound take the jump in, with gap.basis: {kind: blocks}, "
+                "as many along that speed as the grid has cells, and gap.lipschitz.rough_limit: 0.5",
+            )
 
 
-def find_stuck_joints(context: Context) -> list[Finding]:
+def find_stuck_joints(context: Context) -> Iterator[Finding]:
     """A finding for each joint whose dry friction in the simulator is more than its input can overcome."""
     case = context.case
     if case.simulator is None or case.domain is None:
-        return []
-    found, dry = [], joint_effect("frictionloss")
+        return
+    dry = joint_effect("frictionloss")
     for k, added in enumerate(case.simulator.effects):
         for j, (name, own) in enumerate(case.plant.inputs.items()):
             most = float(abs(context.input_set[:, j]).max())
@@ -99,8 +97,7 @@ def find_stuck_joints(context: Context) -> list[Finding]:
                 f"dry friction of {force:g} at {added.on}, and {name} goes to {most:g}: the input does not move it"
             )
             remedy = f"Is it in {own.unit}? Or enlarge domain.U.{name}"
-            found.append(Finding(f"simulator.effects.{k}", problem, remedy))
-    return found
+            yield Finding(f"simulator.effects.{k}", problem, remedy)
 
 
 def _jumps_along(context: Context, added: AddedEffect) -> str | None:

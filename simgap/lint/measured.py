@@ -30,8 +30,8 @@ def check_measured(context: Context) -> None:
         return
     with context.blame():
         model = context.plant.corrected if context.plant.declared.derived else context.plant.declared
-        channels = channels_of(model, section, str(context.path))
-        conditions = condition_channels(model, section, str(context.path))
+        channels = channels_of(model, section)
+        conditions = condition_channels(model, section)
         if section.time.unit is not None:
             with placed(key="measured.time.unit", remedy="Use s, ms, us or ns."):
                 conversion(section.time.unit, "s")
@@ -57,7 +57,7 @@ def as_read(context: Context) -> list[str]:
         return []
     with context.blame():
         paths = named_recordings(context.path, section.files)
-        channels = channels_of(model, section, str(context.path))
+        channels = channels_of(model, section)
         return [_as_read(path, reading.relative(path, context.folder), section, channels) for path in paths]
 
 
@@ -72,18 +72,15 @@ def _as_read(path: Path, name: str, section: MeasuredSection, channels: Sequence
     )
 
 
-def find_missing_coordinates(context: Context) -> list[Finding]:
+def find_missing_coordinates(context: Context) -> Iterator[Finding]:
     """Equations of which a diagnosis seeks no force: it would blame what is left on inputs and sensors."""
     model = context.plant.declared
-    if context.case.measured is None or model.wheels is not None or model.coordinates:
-        return []
-    return [
-        Finding(
+    if context.case.measured is not None and model.wheels is None and not model.coordinates:
+        yield Finding(
             "plant.symbolic.coordinates",
             "is not given, so that a diagnosis seeks no friction, spring or other force on the motion",
             "Name the degrees of freedom there if something moves",
         )
-    ]
 
 
 def _refuse_effects(section: MeasuredSection) -> None:
@@ -101,9 +98,8 @@ def refuse_unknown(section: MeasuredSection, model: SymbolicModel) -> None:
     for k, name in enumerate(section.known):
         if name not in model.named_parameters:
             listed = ", ".join(model.named_parameters) or "it has none"
-            raise UserError(
-                f"the plant has no parameter '{name}'", key=f"measured.known.{k}", remedy=f"Parameters: {listed}."
-            )
+            remedy = f"Parameters: {listed}."
+            raise UserError(f"the plant has no parameter '{name}'", key=f"measured.known.{k}", remedy=remedy)
 
 
 def _refuse_conditions(section: MeasuredSection, model: SymbolicModel) -> None:
@@ -122,10 +118,9 @@ def refuse_links(context: Context, section: MeasuredSection) -> None:
     if not section.payloads:
         return
     if tree is None or context.plant.declared.derived:
-        raise UserError(
-            "payloads are found on arms of three joints or more alone", key="measured.payloads",
-            remedy="Remove them; what differs from file to file can be named under measured.conditions.",
-        )  # fmt: skip
+        problem = "payloads are found on arms of three joints or more alone"
+        remedy = "Remove them; what differs from file to file can be named under measured.conditions."
+        raise UserError(problem, key="measured.payloads", remedy=remedy)
     for k, payload in enumerate(section.payloads):
         if payload.link not in tree.links:
             raise UserError(
@@ -142,10 +137,9 @@ def refuse_arm_conditions(section: MeasuredSection) -> None:
     """
     for key in ("conditions", "conditions_from"):
         if getattr(section, key):
-            raise UserError(
-                "a diagnosis of three joints or more knows no such conditions", key=f"measured.{key}",
-                remedy="Remove them; weights that were mounted can be named under measured.payloads.",
-            )  # fmt: skip
+            problem = "a diagnosis of three joints or more knows no such conditions"
+            remedy = "Remove them; weights that were mounted can be named under measured.payloads."
+            raise UserError(problem, key=f"measured.{key}", remedy=remedy)
 
 
 def _refuse_columns(context: Context, section: MeasuredSection, channels: Sequence[Channel], path: Path) -> None:
@@ -154,10 +148,9 @@ def _refuse_columns(context: Context, section: MeasuredSection, channels: Sequen
     header, units = read_header(path, name)
     if section.time.column not in header and kind_of(path) != "mcap":  # its messages have stamps
         listed = ", ".join(f"'{column}'" for column in header)
-        raise UserError(
-            f"'{name}' has no time column '{section.time.column}', it has {listed}", file=context.path,
-            key="measured.time.column", remedy="Name its column of time stamps.",
-        )  # fmt: skip
+        problem = f"'{name}' has no time column '{section.time.column}', it has {listed}"
+        remedy = "Name its column of time stamps."
+        raise UserError(problem, file=context.path, key="measured.time.column", remedy=remedy)
     measured_columns(name, header, units, channels)
 
 

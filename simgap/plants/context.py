@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,12 +11,12 @@ from typing import Any, Self, TypeVar
 
 from simgap.arrays import Floats
 from simgap.config.case import Case
-from simgap.config.domain import DomainSection
 from simgap.config.load import load_case
+from simgap.config.plant import DomainSection
 from simgap.errors import UserError, placed
 from simgap.geometry import Box
 from simgap.plants.plant_model import PlantModel
-from simgap.provenance import require_own
+from simgap.provenance import provenance, require_own
 
 T = TypeVar("T")
 
@@ -96,6 +97,12 @@ class Context:
     def plant(self) -> PlantModel:
         """The nominal model in all its shapes."""
         return PlantModel.of(self.case, self.folder)
+
+    def record(
+        self, stage: str, seeds: Mapping[str, int] | None = None, rests: Sequence[str] = (), **more: Any
+    ) -> dict[str, Any]:
+        """What a result of a stage says of how it was made of this case: `provenance.provenance`."""
+        return provenance(stage, self.case, self.folder, seeds, rests, **more)
 
     def own(self, path: Path | str, record: Any, *stages: str) -> None:
         """Refuse a result that one of these stages did not make of this case: `provenance.require_own`.

@@ -14,7 +14,7 @@ import numpy as np
 
 from simgap import reading
 from simgap.arrays import Floats
-from simgap.config.model_files import places_of
+from simgap.config.named_files import places_of
 from simgap.config.plant import PlantSection
 from simgap.errors import SimgapError, UserError, excerpt
 from simgap.units import require_unit

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from simgap.io import figure_style as style
-from simgap.io.parquet import stack
 from simgap.io.rerun.recording import PlanarScene
+from simgap.io.results import stack
 from simgap.io.traces import GAP_AWARE, MODEL, NOMINAL, SIMULATOR, first_seconds, shown
 from simgap.plants.context import Context
 from simgap.report.figures import arena as figures_arena

@@ -15,7 +15,7 @@ from simgap.arrays import Floats
 from simgap.correction.transitions import seen, transitions
 from simgap.diagnosis.result import WindowPrediction
 from simgap.gap.bounds.function import GapFunction
-from simgap.io.parquet import stack
+from simgap.io.results import stack
 from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import SymbolicModel
 from simgap.plants.context import Context

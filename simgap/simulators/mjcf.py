@@ -17,7 +17,7 @@ import numpy as np
 
 from simgap import reading
 from simgap.arrays import Floats
-from simgap.config.model_files import named_by
+from simgap.config.named_files import named_by
 from simgap.errors import UserError, excerpt, optional
 from simgap.plants.model_file import Link
 from simgap.plants.urdf_checks import TRUST, check_units, loading

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
 from simgap.arrays import Floats
-from simgap.config.function_file import KEY, FunctionFile
+from simgap.config.named_files import KEY, FunctionFile
 from simgap.config.simulator import EngineSection
 from simgap.errors import UserError, excerpt
 from simgap.plugins import announce

@@ -37,11 +37,9 @@ from simgap.gap.sampling.samples import motion_of
 from simgap.geometry import Grid
 from simgap.io.arrays_on_disk import Mapped, scratch_folder
 from simgap.io.controller_file import load_controller_of
-from simgap.io.documents import write_json
 from simgap.io.gap_file import SavedGap, load_gap
-from simgap.io.parquet import table, write_parquet
+from simgap.io.results import table, write_json, write_parquet
 from simgap.plants.context import Context
-from simgap.provenance import provenance
 from simgap.simulators.process import engine_pool
 from simgap.simulators.rollouts import make_simulator
 from simgap.specifications.base import specification_of
@@ -255,7 +253,7 @@ def run(
             parts = [job.result() for job in [pool.submit(attack, job) for job in jobs]]
     found = SearchRecord.joined([part for part, _ in parts])
     loops = {name: Campaign.joined([own[name] for _, own in parts]) for name in (SIMULATOR, DISTURBANCE)}
-    record = provenance("audit", context.case, context.folder, {"audit": section.seed}, CONTROLLED)
+    record = context.record("audit", {"audit": section.seed}, CONTROLLED)
     witnesses = _witnesses(context, found, loops)
     content = counts(found, loops, context.states) | {"margins": summary(context, margins), "provenance": record}
     if isinstance(margins, str):
@@ -364,5 +362,5 @@ def _numbered(path: Path, number: int) -> Path:
 def _keep(context: Context, case_path: Path, bound: SavedGap, witness: Witness, out: Path) -> None:
     """The witness with its case, from where it lies, and its bound."""
     where = os.path.relpath(reading.real(case_path), reading.real(out).parent)
-    record = provenance("audit", context.case, context.folder, rests=CONTROLLED)
+    record = context.record("audit", rests=CONTROLLED)
     write_json(out, witness.to_json() | {"case": where, "gap": bound.content, "provenance": record})

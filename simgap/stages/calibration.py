@@ -19,10 +19,7 @@ def run(case_path: CasePath, out: Out, engine_log: Path | None = None, workers: 
     context = Context.load(case_path)
     section = context.need(context.case.gap, "gap").conformal
     if context.case.hidden_state is not None:
-        raise UserError(
-            "a simulator that remembers earlier inputs has no conformal bound: its steps are not independent",
-            file=case_path,
-            key="hidden_state",
-        )
+        problem = "a simulator that remembers earlier inputs has no conformal bound: its steps are not independent"
+        raise UserError(problem, file=case_path, key="hidden_state")
     wanted = Draw("calibration", section.calibration_samples, section.seed)
     random_samples(context, wanted, out, engine_log, workers)

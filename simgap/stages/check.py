@@ -7,43 +7,31 @@ file and how fast it steps.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from simgap.errors import Finding
 from simgap.gap.sampling.points import covering_grid, own_point
-from simgap.io.documents import write_json
-from simgap.lint.controller import ASKS_FOR_NONE, find_no_controller, refuse_free_path, refuse_specification
+from simgap.io.results import write_json
+from simgap.lint import controller, engine, equations, gap, measured
 from simgap.lint.costs import StageCost, affordable, costs, duration, pair_seconds, size, slowness
-from simgap.lint.engine import BOLTED, find_bolted_base, find_other_wheel_sizes, model_file, of_engine
-from simgap.lint.equations import (
-    affordable_or_degrees,
-    find_degrees,
-    find_heavy_steps,
-    find_long_steps,
-    find_mixed_units,
-    find_wrong_dimensions,
-    refuse_prefixes,
-    refuse_seams,
-)
-from simgap.lint.gap import find_jumps_at_rest, find_stuck_joints, refuse_basis, refuse_few_cells
-from simgap.lint.measured import as_read, check_measured, find_missing_coordinates
 from simgap.plants.context import Context
-from simgap.provenance import provenance
 from simgap.stages import log
 
-Check = Callable[[Context], list[Finding] | None]
+Check = Callable[[Context], Iterable[Finding] | None]
 """Findings about a case; what no stage could use raises UserError with the key and the remedy."""
 
 OF_CASE: tuple[Check, ...] = (
-    refuse_prefixes, refuse_few_cells, refuse_seams, refuse_specification, refuse_basis, refuse_free_path,
+    equations.refuse_prefixes, gap.refuse_few_cells, equations.refuse_seams, controller.refuse_specification,
+    gap.refuse_basis, controller.refuse_free_path,
 )  # fmt: skip
 """Checks that take no engine; made first, since starting one takes seconds."""
 
 OF_NUMBERS: tuple[Check, ...] = (
-    find_mixed_units, find_wrong_dimensions, find_heavy_steps, find_long_steps, find_bolted_base,
-    find_other_wheel_sizes, find_jumps_at_rest, find_stuck_joints, find_missing_coordinates, find_no_controller,
+    equations.find_mixed_units, equations.find_wrong_dimensions, equations.find_heavy_steps, equations.find_long_steps,
+    engine.find_bolted_base, engine.find_other_wheel_sizes, gap.find_jumps_at_rest, gap.find_stuck_joints,
+    measured.find_missing_coordinates, controller.find_no_controller,
 )  # fmt: skip
 """Checks once the engine has loaded its model file: its reasons come before those that follow from them."""
 
@@ -89,31 +77,30 @@ def run(
         tell_user = tell or (lambda words: None)
         if case.domain is not None:
             first = costs(context)
-            affordable_or_degrees(context, first)  # before anything that would build what is too large
+            equations.affordable_or_degrees(context, first)  # before anything that would build what is too large
             tell_user(_outlook(first))
-        file = model_file(context)
-        of_angles = find_degrees(context, file.joints if file is not None else {})
+        file = engine.model_file(context)
+        of_angles = list(equations.find_degrees(context, file.joints if file is not None else {}))
         tell_user(f"building the nominal model of {len(context.states)} states")
-        check_measured(context)
+        measured.check_measured(context)
         began = time.process_time()
         _ = context.plant.sampled if case.domain is not None else context.plant.declared
         build = time.process_time() - began
         run_checks(OF_CASE, context)
         if case.simulator is not None:
             tell_user(f"querying the engine {case.simulator.engine}")
-        findings, rollout = of_engine(context, file, engine_log)
+        findings, rollout = engine.of_engine(context, file, engine_log)
         found = []
         if case.domain is not None:
             found = costs(context, rollout, build=build, pair=pair_seconds(context), slower=slowness())
         affordable(context, found)
         of_numbers = run_checks(OF_NUMBERS, context)
     every = [*(findings or []), *of_angles, *of_numbers]
-    result = Checked(found, _cells(context), every, findings is not None, as_read(context))
+    result = Checked(found, _cells(context), every, findings is not None, measured.as_read(context))
     for finding in result.findings:
         log.warning("%s: %s. %s", finding.key, finding.problem, finding.remedy)
     if out is not None:
-        record = provenance("check", case, context.folder)
-        write_json(out, {"case": case.name, **asdict(result), "provenance": record})
+        write_json(out, {"case": case.name, **asdict(result), "provenance": context.record("check")})
     return result
 
 
@@ -132,7 +119,10 @@ def _at_most(found: list[StageCost]) -> str:
     return "".join(f" and at most {duration(c.seconds)} more for {c.stage}" for c in found if c.at_most)
 
 
-_PREMISES = {BOLTED: " for a base that is bolted to the world", ASKS_FOR_NONE: " for a bound without a controller"}
+_PREMISES = {
+    engine.BOLTED: " for a base that is bolted to the world",
+    controller.ASKS_FOR_NONE: " for a bound without a controller",
+}
 
 
 def conclusion(checked: Checked, case: Path) -> str:

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.config.function_file import plugin_copies
 from simgap.config.measured import MeasuredSection, matching_files, named_recordings
+from simgap.config.named_files import plugin_copies
 from simgap.correction.corrected_case import acted_out, corrected_case, measured_out
 from simgap.correction.remainder import bound_remainder, use_of
 from simgap.diagnosis.arms.diagnose import diagnose_arm
@@ -28,19 +28,17 @@ from simgap.diagnosis.search.watch import answered
 from simgap.diagnosis.verdict.missing import Missing, missing_terms
 from simgap.effects import apply_effects, effect
 from simgap.errors import UserError
-from simgap.io.atomic import atomic, write_text
-from simgap.io.documents import write_json
+from simgap.io.atomic import write_bytes, write_text
 from simgap.io.model_export import with_inertial
 from simgap.io.pages import need_template
-from simgap.io.parquet import table, write_parquet
 from simgap.io.recordings.measured import load_reading
 from simgap.io.recordings.tables import rig_record
 from simgap.io.rerun.diagnosis import write_recording
+from simgap.io.results import table, write_json, write_parquet
 from simgap.lint.measured import check_measured, refuse_links, refuse_unknown
 from simgap.model.tree import Tree
 from simgap.notation import number, pretty_unit
 from simgap.plants.context import Context
-from simgap.provenance import provenance
 from simgap.report import arm_document
 from simgap.report.diagnosis_document import document
 from simgap.report.diagnosis_page import ARM_TEMPLATE, TEMPLATE, draw, draw_arm, page
@@ -171,9 +169,7 @@ def conclude(
     use = use_of(remainder, found.verdict, section.rig, case.gap is not None, case.hidden_state is not None)
     with context.blame():
         simulated = measured_out(context, section, found, (record.measured, record.inputs))
-    content = document(
-        found, reading, look, remainder, use, context.units, provenance("diagnosis", case, context.folder)
-    )
+    content = document(found, reading, look, remainder, use, context.units, context.record("diagnosis"))
     content["simulator"] = simulated.document() if simulated is not None else None
     out_dir.mkdir(parents=True, exist_ok=True)  # first: `out/../rod.urdf` is no file before
     text = corrected_case(
@@ -191,12 +187,8 @@ def _paths(context: Context, section: MeasuredSection, data: Sequence[Path]) -> 
     if data:
         return [found for path in data for _, found in matching_files(Path(), [str(path)], typed=True)]
     if not section.files:
-        raise UserError(
-            "no data are given",
-            file=context.path,
-            key="measured.files",
-            remedy="Name CSV, Parquet, JSON or MCAP files on the command line or here.",
-        )
+        remedy = "Name CSV, Parquet, JSON or MCAP files on the command line or here."
+        raise UserError("no data are given", file=context.path, key="measured.files", remedy=remedy)
     check_measured(context)
     return named_recordings(context.path, section.files)
 
@@ -241,8 +233,7 @@ def write_answer(
     units = {c: context.units[c.removeprefix("late_").removeprefix("next_")] for c in columns}
     write_parquet(out_dir / TRANSITIONS, table(columns, units, {"case": context.case.name}, content["provenance"]))
     for plugin in plugin_copies(context.case, context.folder, out_dir):
-        with atomic(out_dir / plugin.file) as temporary:
-            temporary.write_bytes(plugin.content)
+        write_bytes(out_dir / plugin.file, plugin.content)
     write_text(out_dir / CASE, case)
     write_json(out_dir / JSON, content)
 
@@ -268,7 +259,7 @@ def diagnose_arm_recordings(
         found = answered(section.budget_s, search, tell)
     for warning in (*reading.warnings, *look.warnings, *found.warnings):
         log.warning("%s", warning)
-    made_of = provenance("diagnosis", context.case, context.folder)
+    made_of = context.record("diagnosis")
     content = arm_document.document(found, reading, look, tree, inputs, context.units, made_of)
     out_dir.mkdir(parents=True, exist_ok=True)
     urdf = MODEL if found.verdict in ("attributed", "partial") and found.inertial and case.plant.urdf else None
@@ -297,10 +288,8 @@ def _drive(context: Context, joint: str) -> str:
     """
     found = [name for name, i in context.case.plant.inputs.items() if i.joint == joint]
     if len(found) != 1:
-        raise UserError(
-            f"joint '{joint}' has {len(found)} inputs", key="plant.inputs",
-            remedy="An arm of three joints or more is diagnosed from the measured torque of each joint: name one each.",
-        )  # fmt: skip
+        remedy = "An arm of three joints or more is diagnosed from the measured torque of each joint: name one each."
+        raise UserError(f"joint '{joint}' has {len(found)} inputs", key="plant.inputs", remedy=remedy)
     return found[0]
 
 
@@ -309,14 +298,11 @@ def _payloads(section: MeasuredSection, reading: Reading) -> tuple[Payload, ...]
     for k, p in enumerate(section.payloads):
         traces = tuple(n for n, (file, _) in reading.origins.items() if same_file(p.file, file))
         if not traces:
-            raise UserError(
-                f"'{p.file}' is not among the data", key=f"measured.payloads.{k}.file", remedy="Name one of the files."
-            )
+            remedy = "Name one of the files."
+            raise UserError(f"'{p.file}' is not among the data", key=f"measured.payloads.{k}.file", remedy=remedy)
         if set(traces) <= set(reading.held_out):
-            raise UserError(
-                f"'{p.file}' is held out, so that nothing says what its payload is", key=f"measured.payloads.{k}.file",
-                remedy="Hold out a different file.",
-            )  # fmt: skip
+            problem = f"'{p.file}' is held out, so that nothing says what its payload is"
+            raise UserError(problem, key=f"measured.payloads.{k}.file", remedy="Hold out a different file.")
         found.append(Payload(traces, p.link, p.mass))
     return tuple(found)
 
@@ -331,10 +317,9 @@ def _known(context: Context, tree: Tree, inputs: Sequence[str]) -> dict[str, Flo
     for k, e in enumerate(context.plant.effects):
         places = inputs if effect(e.name).kind == "input" else tree.joints
         if e.name not in (*TERMS, "input_gain") or e.on not in places:
-            raise UserError(
-                f"the effect '{e.name}' on '{e.on}' cannot be in the model of an arm of {tree.size} joints",
-                key=f"plant.effects.{k}", remedy=f"Known on its joints and inputs: {', '.join(TERMS)}, input_gain.",
-            )  # fmt: skip
+            problem = f"the effect '{e.name}' on '{e.on}' cannot be in the model of an arm of {tree.size} joints"
+            remedy = f"Known on its joints and inputs: {', '.join(TERMS)}, input_gain."
+            raise UserError(problem, key=f"plant.effects.{k}", remedy=remedy)
         (p,) = effect(e.name).parameters
         values, at = known.setdefault(e.name, np.full(tree.size, p.null)), list(places).index(e.on)
         values[at] = values[at] * e.values[p.symbol] if p.null else values[at] + e.values[p.symbol]

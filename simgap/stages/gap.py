@@ -8,10 +8,8 @@ from pathlib import Path
 from typing import Annotated
 
 from simgap.gap.checked_bound import Made, gap, seeds
-from simgap.io.documents import write_json
-from simgap.io.parquet import table, write_parquet
+from simgap.io.results import table, write_json, write_parquet
 from simgap.plants.context import Context
-from simgap.provenance import provenance
 from simgap.stages import log
 from simgap.stages.arguments import Borders, CasePath, Grid, Option, Out, Shards
 from simgap.stages.gap_inputs import Rolled, blame_shards, points_of_case, read_dimensions, read_samples
@@ -58,9 +56,8 @@ def run(
         )
         bound = gap(context, content)
     log.info("%s", bound.check.tier.text)
-    case, folder, names = context.case, context.folder, context.states
-    units = context.units | {f"gap_{n}": context.units[n] for n in names}
-    write_parquet(thinned, table(bound.thinned, units, {"case": case.name}, provenance("gap", case, folder)))
-    record = provenance("gap", case, folder, seeds(context), point=content.points.name)
+    units = context.units | {f"gap_{n}": context.units[n] for n in context.states}
+    write_parquet(thinned, table(bound.thinned, units, {"case": context.case.name}, context.record("gap")))
+    record = context.record("gap", seeds(context), point=content.points.name)
     write_json(out, bound.content | {"provenance": record})
     log.info("peak memory %d MiB", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)

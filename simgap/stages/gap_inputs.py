@@ -6,17 +6,15 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, overload
+from typing import Any
 
 from simgap.arrays import Floats
 from simgap.errors import UserError, excerpt
 from simgap.gap.json_record import JsonRecord
 from simgap.gap.sampling.points import Columns, Points, state_names, units
-from simgap.io.documents import read_json, write_json
-from simgap.io.parquet import columns_of, read_parquet, record_of, stack, table, write_parquet
+from simgap.io.results import columns_of, read_json, read_parquet, record_of, stack, table, write_json, write_parquet
 from simgap.late import pyarrow as pa
 from simgap.plants.context import Context
-from simgap.provenance import provenance
 from simgap.stages import log
 
 STATES, INPUTS = "states.parquet", "inputs.parquet"
@@ -37,7 +35,7 @@ def write_rollouts(
 ) -> None:
     """Write roll-outs, with what they are `about` in every row, such as the point of the grid or the seed."""
     constants = {"case": context.case.name, **about, "engine": engine}
-    record = provenance(stage, context.case, context.folder, seeds, engine=engine)
+    record = context.record(stage, seeds, engine=engine)
     write_parquet(out, table(columns, units(context.case), constants, record))
 
 
@@ -94,13 +92,7 @@ class Rolled(Sequence[Columns]):
     def __len__(self) -> int:
         return len(self.paths)
 
-    @overload
-    def __getitem__(self, k: int) -> Columns: ...
-    @overload
-    def __getitem__(self, k: slice) -> Sequence[Columns]: ...
-    def __getitem__(self, k: int | slice) -> Columns | Sequence[Columns]:
-        if isinstance(k, slice):
-            return Rolled(self._context, self.paths[k])
+    def __getitem__(self, k: int) -> Columns:  # type: ignore[override]  # nobody asks for several at once
         return read_samples(self._context, self.paths[k], "rollouts")
 
 
@@ -132,7 +124,7 @@ def write_dimensions(
             began = time.perf_counter()
             found[state] = {"state": state, **find(points, Rolled(context, shards), i).to_json()}
             log.info("%s in %.2f s, roll-outs read and compared", state, time.perf_counter() - began)
-    record = provenance(stage, context.case, context.folder, point=points.name)
+    record = context.record(stage, point=points.name)
     write_json(out, {"states": found, "provenance": record})
 
 

@@ -19,7 +19,6 @@ from simgap.gap.sampling.points import (
 )
 from simgap.lint.costs import affordable, costs
 from simgap.plants.context import Context
-from simgap.provenance import provenance
 from simgap.stages import log
 from simgap.stages.arguments import CasePath, Option
 from simgap.stages.gap_inputs import write_points
@@ -45,7 +44,7 @@ def run(
         points = grid(context, name)
     states = state_names(context.case)
     units = context.units | {n: context.units[n.removeprefix("previous_")] for n in states}
-    record = provenance("grid", context.case, context.folder, point=points.name)
+    record = context.record("grid", point=points.name)
     write_points(out, points, (states, context.inputs), units, record)
     log.info("%s: %d x %d samples", points.name, len(points.states), len(points.inputs))
 
@@ -60,9 +59,8 @@ def grid(context: Context, name: str) -> Points:
         return Points(name, covering_grid(context.case, context.box, name).centres(), context.input_set)
     hidden = context.need(context.case.hidden_state, "hidden_state")
     if name not in (HISTORIES, EVERY_HISTORY):
-        raise UserError(
-            f"'{name[:40]}' is not a point of a case with a hidden state", remedy=f"Use {HISTORIES} or {EVERY_HISTORY}."
-        )
+        remedy = f"Use {HISTORIES} or {EVERY_HISTORY}."
+        raise UserError(f"'{name[:40]}' is not a point of a case with a hidden state", remedy=remedy)
     values = [context.domain.U[n].list() for n in context.inputs]
     declared = [hidden.previous[n] for n in context.inputs]
     counts = [len(own) for own in values] if name == EVERY_HISTORY else declared

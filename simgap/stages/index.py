@@ -10,8 +10,8 @@ from typing import Annotated, Any
 from simgap import reading
 from simgap.errors import UserError
 from simgap.io.atomic import write_text
-from simgap.io.documents import read_json
 from simgap.io.pages import render
+from simgap.io.results import read_json
 from simgap.report.tables import overview
 from simgap.stages import log
 from simgap.stages.arguments import Option, Out

@@ -18,8 +18,8 @@ from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapFunction
 from simgap.gap.bounds.load import from_json
 from simgap.geometry import nearest_inputs
-from simgap.io.documents import read_json
 from simgap.io.rerun.closed_loop import write_witness
+from simgap.io.results import read_json
 from simgap.io.traces import GAP_AWARE, MODEL, SIMULATOR, Trace
 from simgap.notation import pretty_unit
 from simgap.plants.context import Context, pose_axes

@@ -12,15 +12,13 @@ from simgap.config.load import read_yaml
 from simgap.errors import UserError
 from simgap.gap.bounds.function import GapFunction
 from simgap.io.atomic import write_bytes, write_text
-from simgap.io.controller_file import load_domain_of
-from simgap.io.documents import read_json, write_json
+from simgap.io.controller_file import load_controller_of
 from simgap.io.gap_file import SavedGap, load_gap
 from simgap.io.pages import need_template, render
-from simgap.io.parquet import read_parquet
+from simgap.io.results import read_json, read_parquet, write_json
 from simgap.io.traces import GAP_AWARE, NOMINAL, split
 from simgap.lint.costs import costs, duration
 from simgap.plants.context import Context
-from simgap.provenance import provenance
 from simgap.report.case_figures import draw
 from simgap.report.content import content, summary
 from simgap.report.explorer import explored_runs
@@ -78,7 +76,7 @@ def run(
     """
     need_template(TEMPLATE)
     material = read(case_path, inputs)
-    record = provenance("report", material.context.case, material.context.folder)
+    record = material.context.record("report")
     said = content(material)
     write_json(figures_out, summary(material, said) | {"provenance": record})
     drawn = draw(material)
@@ -121,7 +119,7 @@ def read(case_path: Path, inputs: ReportFiles) -> Material:
         bound=gap.function,
         samples=read_table(context, inputs.samples, "gap"),
         syntheses={kind: read_result(context, path, "synthesis") for kind, path in syntheses.items()},
-        controllers={kind: load_domain_of(path, context) for kind, path in controllers.items()},
+        controllers={kind: load_controller_of(path, context, whole=False) for kind, path in controllers.items()},
         validation=read_result(context, inputs.validation, "validation"),
         traces=split(read_table(context, inputs.traces, "validation"), context.states, context.inputs),
         diagnosis=read_result(context, found, "diagnosis") if found is not None else None,
@@ -166,12 +164,12 @@ def _corrected(context: Context, inputs: ReportFiles, gap: GapFunction) -> Corre
     bound, summary = inputs.corrected_gap, inputs.corrected_summary
     nominal, gap_aware = inputs.corrected_nominal, inputs.corrected_gap_aware
     if bound is None or summary is None or nominal is None or gap_aware is None:
-        raise UserError(
-            "the corrected case needs its bound, its summary and both controllers", file=inputs.corrected,
-            remedy="Give --corrected-gap, --corrected-summary, --corrected-nominal and --corrected-gap-aware.",
-        )  # fmt: skip
+        problem = "the corrected case needs its bound, its summary and both controllers"
+        remedy = "Give --corrected-gap, --corrected-summary, --corrected-nominal and --corrected-gap-aware."
+        raise UserError(problem, file=inputs.corrected, remedy=remedy)
     later = Context.load(inputs.corrected)
-    controllers = {NOMINAL: load_domain_of(nominal, later), GAP_AWARE: load_domain_of(gap_aware, later)}
+    paths = {NOMINAL: nominal, GAP_AWARE: gap_aware}
+    controllers = {kind: load_controller_of(path, later, whole=False) for kind, path in paths.items()}
     inside: dict[str, Mapping[str, float] | None] = {}
     if inputs.diagnosis is not None and inputs.transitions is not None and later.states == context.states:
         document, rows = read_json(inputs.diagnosis), read_parquet(inputs.transitions)

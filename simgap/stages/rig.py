@@ -10,10 +10,9 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.config.run import Rig, case_of_rig, load_rig
 from simgap.errors import UserError
-from simgap.io.parquet import table, write_parquet
+from simgap.io.results import table, write_parquet
 from simgap.late import pyarrow as pa
 from simgap.plants.context import Context
-from simgap.provenance import provenance
 from simgap.signals import multisine
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import follow
@@ -60,6 +59,6 @@ def recording(
     for name, sigma in rig.noise.items():
         columns[name] = x[:, context.states.index(name)] + rng.normal(0.0, sigma, len(t))
     columns |= {name: u[:, j] for j, name in enumerate(context.inputs)}
-    reads = provenance("rig", context.case, context.folder)["reads"]  # hashes alone, and nothing of what it is made of
+    reads = context.record("rig")["reads"]  # hashes alone, and nothing of what it is made of
     record = {"recorded": "rig", "stage": "rig", "reads": reads}
     return table(columns, context.units | {"t": "s"}, {"trace": number}, record)

@@ -12,15 +12,13 @@ from typing import Annotated, Any
 import yaml
 
 from simgap import reading
-from simgap.config.function_file import plugin_copies, with_plugin_copies
-from simgap.config.model_files import move_files
+from simgap.config.named_files import move_files, plugin_copies, with_plugin_copies
 from simgap.config.run import Point, base_of, load_sweep, points_of_sweep
 from simgap.errors import UserError
 from simgap.gap.bounds.load import from_json
 from simgap.io.atomic import write_text
-from simgap.io.documents import read_json
 from simgap.io.pages import render
-from simgap.io.parquet import write_parquet
+from simgap.io.results import read_json, write_parquet
 from simgap.late import pyarrow as pa
 from simgap.lint.costs import affordable, costs
 from simgap.plants.context import Context
@@ -50,9 +48,8 @@ def checked_points(path: Path) -> tuple[Path, list[Point]]:
             affordable(context, costs(context))
         except UserError as error:
             values = ", ".join(f"{key} = {value}" for key, value in point.values.items())
-            raise UserError(
-                f"the point {values}: {error.problem}", file=path, key=error.key, remedy=error.remedy
-            ) from None
+            remedy = error.remedy
+            raise UserError(f"the point {values}: {error.problem}", file=path, key=error.key, remedy=remedy) from None
     return base, points
 
 

@@ -17,13 +17,12 @@ from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.geometry import Box
 from simgap.io.controller_file import save_controller
-from simgap.io.documents import read_json, write_json
 from simgap.io.gap_file import SavedGap, load_gap
+from simgap.io.results import read_json, write_json
 from simgap.lint.costs import affordable, costs
 from simgap.model.integrators import nominal_paths
 from simgap.model.sampled import NominalModel
 from simgap.plants.context import Context, pose_axes
-from simgap.provenance import provenance
 from simgap.simulators.body_samples import BodySamples
 from simgap.simulators.commands import acts_at_once
 from simgap.specifications.base import path_aware_baseline, specification_of
@@ -63,7 +62,7 @@ def run(
     """
     summary.with_name(EMPTY_FIGURES).unlink(missing_ok=True)  # of an earlier run that won nothing
     context = Context.load(case_path)
-    record = provenance("synthesis", context.case, context.folder, rests=CONTROLLED[1:] if gap_path is not None else ())
+    record = context.record("synthesis", rests=CONTROLLED[1:] if gap_path is not None else ())
     if baseline:
         context = path_aware_baseline(context)
     with context.blame():
@@ -246,11 +245,8 @@ def _first_input(context: Context, named: dict[str, float]) -> int:
         UserError: one that is not in U.
     """
     if sorted(named) != sorted(context.inputs):
-        raise UserError(
-            f"the first input names {', '.join(named)}",
-            key="sensing.first_input",
-            remedy=f"Give a value for each of {', '.join(context.inputs)}",
-        )
+        remedy = f"Give a value for each of {', '.join(context.inputs)}"
+        raise UserError(f"the first input names {', '.join(named)}", key="sensing.first_input", remedy=remedy)
     off = np.abs(context.input_set - [named[name] for name in context.inputs]).max(axis=1)
     if off.min() > FIRST_INPUT:
         raise UserError(f"{named} is not in U", key="sensing.first_input", remedy="Take one of the inputs of domain.U")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from simgap.io.controller_file import load_domain_of
+from simgap.io.controller_file import load_controller_of
 from simgap.io.rerun.closed_loop import verify, write_recording
 from simgap.io.traces import split
 from simgap.plants.context import Context
@@ -24,9 +24,8 @@ def run(
     context = Context.load(case_path)
     with context.blame():
         traces = split(read_table(context, traces_path, "validation"), context.states, context.inputs)
-        content = recording_content(
-            context, traces, load_domain_of(nominal, context), load_domain_of(gap_aware, context)
-        )
+        controllers = (load_controller_of(path, context, whole=False) for path in (nominal, gap_aware))
+        content = recording_content(context, traces, *controllers)
     write_recording(out, content)
     count = verify(out, traces, context.states, context.inputs)
     log.info("recorded %d runs; %d values read back and equal to the table", len(traces), count)

@@ -12,10 +12,9 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.sampling.points import remembers, stacked
-from simgap.io.documents import write_json
+from simgap.io.results import write_json
 from simgap.io.traces import SIMULATOR, split
 from simgap.plants.context import Context
-from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
 from simgap.stages import log
@@ -90,9 +89,8 @@ def run(case_path: CasePath, given: TwinFiles, out: Out, engine_log: Path | None
         name: {"difference": float(found.largest[i]), "unit": context.units[name], "at": found.at[i]}
         for i, name in enumerate(context.states)
     }
-    record = provenance("twin", context.case, context.folder, engine=engine)
     content = {"engine": engine, "samples": counts, "largest": largest, "tolerance": section.tolerance}
-    write_json(out, content | {"provenance": record})
+    write_json(out, content | {"provenance": context.record("twin", engine=engine)})
 
 
 def _rows(context: Context, path: Path, stage: str) -> Steps:

@@ -19,13 +19,11 @@ from simgap.errors import BrokenPromise, UserError
 from simgap.geometry import drawn_in_cells
 from simgap.io.arrays_on_disk import Mapped, scratch_folder
 from simgap.io.controller_file import load_controller_of
-from simgap.io.documents import write_json
 from simgap.io.gap_file import load_gap
-from simgap.io.parquet import write_parquet
+from simgap.io.results import write_json, write_parquet
 from simgap.io.traces import BASELINE, GAP_AWARE, MODEL, NOMINAL, SIMULATOR, Trace, to_table
 from simgap.late import pyarrow as pa
 from simgap.plants.context import Context
-from simgap.provenance import provenance
 from simgap.simulators.process import EnginePool, engine_pool
 from simgap.specifications.base import Run, Verdict, specification_of
 from simgap.specifications.space import Space
@@ -64,7 +62,7 @@ def run(
         model, gap = context.plant.sampled, load_gap(gap_path, context).function
         specification, space = specification_of(context.case), Space.of(context.case)
     names, tolerated = (context.states, context.inputs, context.units), tolerated_share(context.case)
-    record = provenance("validation", context.case, context.folder, {"starts": section.seed}, CONTROLLED)
+    record = context.record("validation", {"starts": section.seed}, CONTROLLED)
     tallies: dict[str, dict[str, Any]] = {}
     parts: list[pa.Table] = []
     shown: dict[int, Verdict] = {}  # by the nominal-only controller's runs in the simulator: the same starts for all
@@ -212,10 +210,8 @@ def given_start(context: Context, controller: Controller, number: int, named: di
     """One start of the case as a state, (nx,)."""
     key = f"validation.first[{number}]"
     if sorted(named) != sorted(context.states):
-        raise UserError(
-            f"the start names {', '.join(named) or 'no state'}", key=key,
-            remedy=f"Give a value for each of {', '.join(context.states)}.",
-        )  # fmt: skip
+        remedy = f"Give a value for each of {', '.join(context.states)}."
+        raise UserError(f"the start names {', '.join(named) or 'no state'}", key=key, remedy=remedy)
     for name in context.states:
         lo, hi = context.domain.X[name]
         if not lo <= named[name] <= hi:
@@ -225,10 +221,8 @@ def given_start(context: Context, controller: Controller, number: int, named: di
             )  # fmt: skip
     x = np.array([named[name] for name in context.states])
     if not controller.contains(x[None])[0]:
-        raise UserError(
-            f"the controller promises nothing from the start {named}: it is not in the winning domain", key=key,
-            remedy="Move it away from obstacles and walls, or remove it.",
-        )  # fmt: skip
+        problem = f"the controller promises nothing from the start {named}: it is not in the winning domain"
+        raise UserError(problem, key=key, remedy="Move it away from obstacles and walls, or remove it.")
     return x
 
 

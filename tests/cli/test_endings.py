@@ -1,7 +1,7 @@
 """What a person is told of a run without a controller: the reason of each job that failed, and a page."""
 
 from simgap.cli.workflow import PAGE, failures, write_failed, write_page
-from simgap.io.documents import write_json
+from simgap.io.results import write_json
 
 RUN = """Error in rule check:
     message: None

@@ -47,7 +47,7 @@ import sys
 import numpy as np
 from simgap.cli.process import without_pandas
 without_pandas()
-from simgap.io.parquet import read_parquet, stack, table, write_parquet
+from simgap.io.results import read_parquet, stack, table, write_parquet
 from pathlib import Path
 path = Path("t.parquet")
 write_parquet(path, table({"x": np.arange(3.0)}, {}, {"case": "rod", "seed": 1}, {}))

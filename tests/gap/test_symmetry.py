@@ -11,7 +11,7 @@ from simgap.gap.bounds.function import GapDomain, Tier
 from simgap.gap.bounds.load import from_json
 from simgap.gap.sampling.symmetry import SymmetryDeviation
 from simgap.geometry import Box
-from simgap.io.documents import read_json, write_json
+from simgap.io.results import read_json, write_json
 from simgap.simulators.body_samples import to_body
 
 NAMES = ("x", "y", "theta")

@@ -15,7 +15,7 @@ from simgap.errors import UserError
 from simgap.geometry import Box, Grid
 from simgap.io import controller_file as controller_content
 from simgap.io.atomic import sealed
-from simgap.io.controller_file import load_controller, load_controller_of, load_domain, save_controller, write_arrays
+from simgap.io.controller_file import load_controller, load_controller_of, save_controller, write_arrays
 from simgap.specifications.solution import Solution
 from simgap.synthesis.controller import Controller
 
@@ -179,7 +179,7 @@ def test_every_flipped_bit_is_refused_or_changes_nothing(saved):
 
 
 def test_the_domain_is_read_without_the_inputs_and_says_so(saved):
-    whole, domain = reaching(), load_domain(saved)
+    whole, domain = reaching(), load_controller(saved, whole=False)
     for name in ("winning", "free", "value", "target"):
         assert np.array_equal(getattr(domain.solution, name), getattr(whole.solution, name)), name
     assert domain.contains([[0.9, 0.0]]).tolist() == whole.contains([[0.9, 0.0]]).tolist()
@@ -189,26 +189,26 @@ def test_the_domain_is_read_without_the_inputs_and_says_so(saved):
             asked()
 
 
-@pytest.mark.parametrize("read", [load_controller, load_domain])
+@pytest.mark.parametrize("whole", [True, False])
 @pytest.mark.parametrize("name", ["winning", "value", "about", "target"])
-def test_a_part_of_another_controller_is_refused_whatever_is_read(saved, tmp_path, read, name):
+def test_a_part_of_another_controller_is_refused_whatever_is_read(saved, tmp_path, whole, name):
     other = reaching()
     other.solution.winning[2], other.solution.value[2], other.solution.target[3] = False, -1, True
     save_controller(replace(other, metadata={"seed": 1}), tmp_path / "other.npz")
     spoilt(saved, parts(saved) | {name: parts(tmp_path / "other.npz")[name]})
     with pytest.raises(UserError, match="checksum does not fit"):
-        read(saved)
+        load_controller(saved, whole)
 
 
-@pytest.mark.parametrize("read", [load_controller, load_domain])
-def test_an_array_more_or_less_than_the_checksum_has_is_refused(saved, read):
+@pytest.mark.parametrize("whole", [True, False])
+def test_an_array_more_or_less_than_the_checksum_has_is_refused(saved, whole):
     arrays = parts(saved)
     spoilt(saved, arrays | {"acting": np.zeros((12, 1), np.uint8)})
     with pytest.raises(UserError, match="checksum does not fit"):
-        read(saved)
+        load_controller(saved, whole)
     spoilt(saved, {n: a for n, a in arrays.items() if n not in ("value", "target")})
     with pytest.raises(UserError, match="checksum does not fit"):
-        read(saved)
+        load_controller(saved, whole)
 
 
 def test_a_header_that_says_more_than_there_is_is_refused_before_memory_is_taken(saved):
@@ -269,8 +269,8 @@ def test_nodes_that_no_table_counts_are_bounded_too(tmp_path, monkeypatch):
     """Pages leave the inputs out: the product of cells and memory alone says how much the rest takes."""
     controller = reaching(memory=3)
     save_controller(controller, tmp_path / "controller.npz")
-    load_domain(tmp_path / "controller.npz")
+    load_controller(tmp_path / "controller.npz", whole=False)
     asked = []
     monkeypatch.setattr(controller_content, "require_room", asked.append)
-    load_domain(tmp_path / "controller.npz")
+    load_controller(tmp_path / "controller.npz", whole=False)
     assert GRID.size * 3 in asked

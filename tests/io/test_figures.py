@@ -11,8 +11,8 @@ from simgap.gap.bounds.load import from_json
 from simgap.geometry import Box, Grid
 from simgap.io import figure_style as style
 from simgap.io.controller_file import load_controller
-from simgap.io.parquet import stack
 from simgap.io.rerun.closed_loop import domains_image, to_pixels
+from simgap.io.results import stack
 from simgap.io.traces import BASELINE, GAP_AWARE, NOMINAL, shown, split
 from simgap.plants.context import Context
 from simgap.report.case_figures import surroundings

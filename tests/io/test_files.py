@@ -12,10 +12,9 @@ import pytest
 
 from simgap.errors import UserError
 from simgap.io.atomic import atomic
-from simgap.io.documents import read_json, write_json
-from simgap.io.parquet import read_parquet, stack, table, write_parquet
 from simgap.io.recordings import tables as diagnosis_tables
 from simgap.io.recordings.tables import read_recording
+from simgap.io.results import read_json, read_parquet, stack, table, write_json, write_parquet
 
 
 def test_nothing_half_written_is_left(tmp_path):

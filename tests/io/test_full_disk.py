@@ -28,8 +28,8 @@ from pathlib import Path
 import numpy as np
 from simgap.cli import main
 from simgap.io.atomic import atomic
-from simgap.io.documents import write_json
-from simgap.io.parquet import table, write_parquet
+from simgap.io.results import write_json
+from simgap.io.results import table, write_parquet
 from simgap.io.rerun.recording import plot, recording_file
 from simgap.cli.commands import app
 path = Path(sys.argv[1])

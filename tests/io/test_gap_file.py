@@ -13,8 +13,8 @@ from simgap.gap.bounds.cells import CellGap
 from simgap.gap.bounds.function import GapDomain, Tier
 from simgap.gap.bounds.linear import LinearGap
 from simgap.geometry import Box
-from simgap.io.documents import write_json
 from simgap.io.gap_file import load_gap
+from simgap.io.results import write_json
 from simgap.plants.context import Context
 from simgap.stages.synthesis import pose_problem
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from simgap.config.load import load_case
 from simgap.errors import UserError
-from simgap.io.documents import read_json, write_json
+from simgap.io.results import read_json, write_json
 from simgap.model.expressions import parse
 from simgap.plants.model_file import read_model_file
 from simgap.plants.urdf_checks import check_urdf

@@ -11,8 +11,7 @@ from simgap.cli import main
 from simgap.cli.terminal import start_log
 from simgap.errors import UserError
 from simgap.io.atomic import no_links_below, write_text
-from simgap.io.documents import write_json
-from simgap.io.parquet import table, write_parquet
+from simgap.io.results import table, write_json, write_parquet
 from tests.little_cart import write_cart
 
 RECORDING = "t,x,v,F\n" + "".join(f"{k / 100},0,0,0\n" for k in range(20))

@@ -9,8 +9,7 @@ import pytest
 
 from simgap.errors import BrokenPromise, UserError
 from simgap.io.rerun import closed_loop as recording_check
-from simgap.io.rerun.recording import JointScene, share_of_bound
-from simgap.io.rerun.scene import lean
+from simgap.io.rerun.recording import JointScene, lean, share_of_bound
 from simgap.io.traces import GAP_AWARE, NOMINAL, shown, split, twin
 from simgap.stages import trace as stage
 from tests.stages import loop_example as example

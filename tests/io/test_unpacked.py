@@ -11,8 +11,8 @@ import pytest
 from simgap import reading as unpacked
 from simgap.errors import UserError
 from simgap.io.controller_file import load_controller
-from simgap.io.parquet import read_parquet, table, write_parquet
 from simgap.io.recordings.tables import read_recording
+from simgap.io.results import read_parquet, table, write_parquet
 
 ROWS = 3_000_000
 

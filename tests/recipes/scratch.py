@@ -8,7 +8,7 @@ import yaml
 
 from simgap.cli import main
 from simgap.gap.bounds.load import from_json
-from simgap.io.documents import read_json
+from simgap.io.results import read_json
 
 ROOT = Path(__file__).parents[2]
 

@@ -5,7 +5,7 @@ import pytest
 import yaml
 
 from simgap.config.load import load_case
-from simgap.io.parquet import read_parquet, stack
+from simgap.io.results import read_parquet, stack
 from simgap.provenance import code_digest
 from tests.recipes.scratch import block, gap_of, scratch
 

@@ -13,7 +13,7 @@ from simgap.gap.bases import Expressions
 from simgap.gap.sampling.points import product
 from simgap.geometry import Grid
 from simgap.io.controller_file import load_controller
-from simgap.io.documents import read_json, write_json
+from simgap.io.results import read_json, write_json
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.report.scene import limits

@@ -5,8 +5,8 @@ import time
 import numpy as np
 import pytest
 
-from simgap.config.function_file import FunctionFile, plugin_copies
 from simgap.config.load import load_case
+from simgap.config.named_files import FunctionFile, plugin_copies
 from simgap.errors import SimgapError, UserError
 from simgap.provenance import sections_digest
 from simgap.simulators.process import run_in_processes

@@ -199,10 +199,10 @@ def test_the_axes_in_which_an_inertia_is_written_turn_no_heading(tmp_path):
 def test_sizes_that_are_not_the_files_are_told(vary, root):
     """Commands are turned into wheel speeds by them: ten times the radius is a robot that hardly moves."""
     urdf = {"simulator.urdf": str(root / "configs/models/pioneer.urdf")}
-    assert find_other_wheel_sizes(Context.load(vary("pioneer", urdf))) == []
+    assert list(find_other_wheel_sizes(Context.load(vary("pioneer", urdf)))) == []
     (worn,) = find_other_wheel_sizes(Context.load(vary("pioneer", {**urdf, "simulator.wheel_radius": 0.092})))
     assert worn.key == "simulator.wheel_radius"
     for key, value, stated in (("wheel_radius", 0.975, "0.0975"), ("track", 0.1, "0.33")):
         with pytest.raises(UserError, match=f"have {stated} m") as caught:
-            find_other_wheel_sizes(Context.load(vary("pioneer", {**urdf, f"simulator.{key}": value})))
+            list(find_other_wheel_sizes(Context.load(vary("pioneer", {**urdf, f"simulator.{key}": value}))))
         assert caught.value.key == f"simulator.{key}"

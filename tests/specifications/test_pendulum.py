@@ -7,8 +7,7 @@ from simgap.config.gap import GapSection, LipschitzSection
 from simgap.gap.bases import Expressions
 from simgap.gap.sampling.points import product
 from simgap.geometry import Grid
-from simgap.io.documents import read_json, write_json
-from simgap.io.parquet import read_parquet
+from simgap.io.results import read_json, read_parquet, write_json
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes

@@ -14,8 +14,7 @@ from simgap.gap.bases import Expressions
 from simgap.gap.fitting.acceptance import check_fresh
 from simgap.geometry import Box, Grid
 from simgap.io.controller_file import save_controller
-from simgap.io.documents import write_json
-from simgap.io.parquet import table, write_parquet
+from simgap.io.results import table, write_json, write_parquet
 from simgap.provenance import provenance
 from simgap.specifications.solution import Solution
 from simgap.synthesis.controller import Controller

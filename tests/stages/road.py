@@ -6,7 +6,7 @@ import numpy as np
 
 from simgap.gap.sampling.borders import CHECK, FIT, border_columns, border_states
 from simgap.gap.sampling.points import own_point, product, remembers, shard_count, successor_columns, units
-from simgap.io.parquet import table, write_parquet
+from simgap.io.results import table, write_parquet
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.stages import borders, gap, grid, lipschitz, rollouts, scp

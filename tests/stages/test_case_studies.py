@@ -5,7 +5,7 @@ import pytest
 
 from simgap.config.load import load_case
 from simgap.io.controller_file import load_controller
-from simgap.io.documents import read_json
+from simgap.io.results import read_json
 from simgap.plants.context import Context
 from simgap.simulators.rollouts import make_simulator
 from simgap.stages import check, fresh, synthesis, validation

@@ -12,7 +12,7 @@ import yaml
 
 from simgap.config.load import load_case
 from simgap.errors import UserError
-from simgap.io.parquet import read_parquet
+from simgap.io.results import read_parquet
 from simgap.lint import costs, engine, equations
 from simgap.lint.controller import refuse_specification
 from simgap.lint.gap import find_jumps_at_rest, refuse_basis
@@ -254,7 +254,7 @@ def test_what_a_run_costs_is_said_before_anything_is_built(tmp_path, monkeypatch
         check.run(path, tell=said.append)
     assert said
     assert "of CPU time in all, most of it" in said[0]
-    monkeypatch.setattr(check, "of_engine", lambda *given: (None, None))
+    monkeypatch.setattr(check.engine, "of_engine", lambda *given: (None, None))
     check.run(written(tmp_path), tell=said.append)
     assert said[-2:] == ["building the nominal model of 2 states", "querying the engine pybullet"]
 
@@ -361,9 +361,9 @@ def test_a_step_of_very_many_operations_is_told(terms, told, monkeypatch):
     x = sp.Symbol("x")
     step = sum((sp.sin(k * x) for k in range(1, terms)), sp.Integer(0))
     plant = SimpleNamespace(sampled=NominalModel((x,), (), (step,), 0.1))
-    found = equations.find_heavy_steps(SimpleNamespace(case=SimpleNamespace(synthesis=object()), plant=plant))
+    found = list(equations.find_heavy_steps(SimpleNamespace(case=SimpleNamespace(synthesis=object()), plant=plant)))
     assert [finding.key for finding in found] == ["plant"] * told
-    assert equations.find_heavy_steps(SimpleNamespace(case=SimpleNamespace(synthesis=None), plant=plant)) == []
+    assert list(equations.find_heavy_steps(SimpleNamespace(case=SimpleNamespace(synthesis=None), plant=plant))) == []
 
 
 def test_a_check_ends_with_what_a_run_takes(tmp_path):
@@ -478,4 +478,4 @@ def test_dry_friction_that_the_model_lacks_is_told_with_what_it_does_to_the_gap(
     ],
 )
 def test_what_is_smooth_or_known_or_outside_x_is_not_told_as_a_jump(tmp_path, case):
-    assert find_jumps_at_rest(Context.load(written(tmp_path, case=case))) == []
+    assert list(find_jumps_at_rest(Context.load(written(tmp_path, case=case)))) == []

@@ -34,7 +34,7 @@ def written(folder, angle, periodic=(), unit="rad", joint=None, **more):
 
 
 def found(path, joints=()):
-    return find_degrees(Context.load(path), dict(joints))
+    return list(find_degrees(Context.load(path), dict(joints)))
 
 
 @pytest.mark.parametrize("angle", [[-90, 90], [-15, 15], [0, 360], [-10, 45], [-123.4, 17]])
@@ -62,10 +62,10 @@ def test_what_a_joint_could_do_in_degrees_alone_is_refused(tmp_path):
     plant = context.case.plant.model_copy(update={"states": {**context.case.plant.states, "q": state}})
     driven = Context(context.case.model_copy(update={"plant": plant}), path)
     with pytest.raises(UserError, match="its joint 'hinge' ends at -2 and 2") as refused:
-        find_degrees(driven, {"hinge": HINGE})
+        list(find_degrees(driven, {"hinge": HINGE}))
     assert refused.value.key == "domain.X.q"
     wide = FileJoint("revolute", (-60.0, 60.0), None, None, 0.0, 0.0, None, False)
-    assert len(find_degrees(driven, {"hinge": wide})) == 1  # a joint that winds
+    assert len(list(find_degrees(driven, {"hinge": wide}))) == 1  # a joint that winds
     assert content["domain"]["X"]["q"] == [-90, 90]
 
 

@@ -3,7 +3,7 @@
 import pytest
 
 from simgap.cli import main
-from simgap.io.documents import read_json
+from simgap.io.results import read_json
 
 
 def test_it_is_told_in_the_summary_and_on_the_terminal(vary, tmp_path, capfd):

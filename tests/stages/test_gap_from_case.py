@@ -12,7 +12,7 @@ from simgap.gap.sampling.borders import directed_samples
 from simgap.gap.sampling.points import Points, draw, product
 from simgap.gap.sampling.samples import check_drawn
 from simgap.geometry import Grid
-from simgap.io.documents import read_json
+from simgap.io.results import read_json
 from simgap.plants.context import Context
 from simgap.stages import fresh, grid
 from simgap.stages.gap_inputs import read_samples

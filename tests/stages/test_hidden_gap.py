@@ -8,8 +8,7 @@ import pytest
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bounds.load import from_json
 from simgap.gap.sampling.points import Points, step_columns
-from simgap.io.documents import read_json
-from simgap.io.parquet import table, write_parquet
+from simgap.io.results import read_json, table, write_parquet
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.body_samples import REST, BodySamples

@@ -3,7 +3,7 @@
 import pytest
 
 from simgap.errors import UserError
-from simgap.io.documents import write_json
+from simgap.io.results import write_json
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.stages.gap_inputs import read_dimensions

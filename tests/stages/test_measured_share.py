@@ -13,7 +13,7 @@ from simgap.config.load import load_case, parse_case
 from simgap.diagnosis.record.conditions import conditioned
 from simgap.gap.bases import Expressions
 from simgap.geometry import Grid
-from simgap.io.parquet import stack
+from simgap.io.results import stack
 from simgap.plants.context import Context
 from simgap.plants.plant_model import PlantModel
 from simgap.report.measured_share import share_inside, transition_columns

@@ -88,7 +88,7 @@ def test_little_that_is_won_is_called_little():
 def test_friction_that_the_input_does_not_overcome_is_told(root, tmp_path, friction, told):
     case = new.run("mine", rubbing(root, tmp_path, "pendulum", [0.1]), tmp_path)
     case.write_text(case.read_text().replace("F_c: 0.1", f"F_c: {friction}"))
-    found = find_stuck_joints(Context.load(case))
+    found = list(find_stuck_joints(Context.load(case)))
     assert [finding.key for finding in found] == ["simulator.effects.0"] * told
     assert all("does not move it" in finding.problem for finding in found)
 

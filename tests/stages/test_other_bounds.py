@@ -7,8 +7,7 @@ import yaml
 from simgap.cli import main
 from simgap.errors import UserError
 from simgap.gap.bounds.load import from_json
-from simgap.io.documents import read_json
-from simgap.io.parquet import read_parquet
+from simgap.io.results import read_json, read_parquet
 from simgap.stages import calibration, fresh, synthesis, validation
 from tests.stages import road
 

@@ -11,7 +11,7 @@ from simgap.config.load import load_case
 from simgap.config.run import load_rig
 from simgap.errors import UserError
 from simgap.extras import certify
-from simgap.io.parquet import write_parquet
+from simgap.io.results import write_parquet
 from simgap.plants.context import Context
 from simgap.provenance import parts_of, provenance
 from simgap.stages import audit, report, synthesis, trace, validation

@@ -9,8 +9,7 @@ import pyarrow as pa
 import pytest
 
 from simgap.errors import UserError
-from simgap.io.documents import write_json
-from simgap.io.parquet import table, write_parquet
+from simgap.io.results import table, write_json, write_parquet
 from simgap.notation import number
 from simgap.stages import index, report
 from simgap.stages.report import ReportFiles

@@ -9,8 +9,7 @@ import pytest
 from simgap.cli import main
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.memory.bound import robot_of
-from simgap.io.documents import read_json, write_json
-from simgap.io.parquet import read_parquet
+from simgap.io.results import read_json, read_parquet, write_json
 from simgap.plants.context import Context
 from simgap.stages import fresh, report, synthesis, validation
 from tests.stages import road

@@ -17,8 +17,8 @@ from simgap.gap.bounds.function import GapDomain
 from simgap.gap.sampling.points import product
 from simgap.geometry import Box, Grid
 from simgap.io.controller_file import load_controller
-from simgap.io.documents import read_json, write_json
 from simgap.io.gap_file import load_gap
+from simgap.io.results import read_json, write_json
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes

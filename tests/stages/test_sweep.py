@@ -18,7 +18,7 @@ from simgap.gap.bounds.basis import Basis, Form
 from simgap.gap.bounds.function import GapDomain, Tier
 from simgap.gap.bounds.linear import LinearGap
 from simgap.geometry import Box
-from simgap.io.documents import write_json
+from simgap.io.results import write_json
 from simgap.provenance import sections_digest
 from simgap.stages import sweep
 

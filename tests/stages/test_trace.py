@@ -9,8 +9,7 @@ from simgap.cli import main
 from simgap.config.reads import READS
 from simgap.io.controller_file import load_controller
 from simgap.io.rerun.closed_loop import events, read_curves
-from simgap.io.rerun.recording import JointScene, PlanarScene
-from simgap.io.rerun.scene import viewed
+from simgap.io.rerun.recording import JointScene, PlanarScene, viewed
 from simgap.io.traces import split
 from simgap.plants.context import Context
 from simgap.provenance import sections_digest

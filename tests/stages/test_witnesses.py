@@ -11,8 +11,8 @@ from simgap.attack.worst_step import HistoryProblem, search_histories
 from simgap.config.load import case_content
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain, Tier
-from simgap.io.documents import write_json
 from simgap.io.rerun.closed_loop import read_curves
+from simgap.io.results import write_json
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.rollouts import make_simulator

@@ -10,7 +10,7 @@ from simgap.errors import UserError
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain, Tier
 from simgap.geometry import Box, Grid
-from simgap.io.documents import read_json, write_json
+from simgap.io.results import read_json, write_json
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.stages.synthesis import pose_problem

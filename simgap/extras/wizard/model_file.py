@@ -13,7 +13,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from simgap import reading
-from simgap.config.model_files import places_of
+from simgap.config.named_files import places_of
 from simgap.errors import UserError, excerpt
 from simgap.extras.wizard.joints import centre_of, check_positions, named_joints
 from simgap.extras.wizard.mjcf_as_urdf import compiled, origin_of, written

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from simgap import reading
 from simgap.arrays import Floats, Ints
 from simgap.diagnosis.record.channels import RawTable
-from simgap.errors import UserError, excerpt, optional, placed
+from simgap.errors import UserError, excerpt, optional
 from simgap.reading import require_room
 
 _FIELDS = ("position", "velocity", "effort")
@@ -46,31 +46,31 @@ class _Topic:
     notes: tuple[str, ...]
 
 
-def mcap_header(path: Path, file: str) -> dict[str, str]:
+def mcap_header(path: Path) -> dict[str, str]:
     """Column -> its topic, of all columns that the first messages of each topic have.
 
     Raises:
         UserError: a damaged file, one that is too large, no topic that is read, or a missing library.
     """
-    with opened_bag(path, file) as bag:
+    with opened_bag(path) as bag:
         return _header(bag)
 
 
-def read_mcap(path: Path, wanted: Sequence[str], file: str, sha256: str) -> RawTable:
-    """The wanted columns; those that the file lacks are left out.
+def read_mcap(path: Path, wanted: Sequence[str], file: str) -> RawTable:
+    """The wanted columns of a file that messages call `file`; those that the file lacks are left out.
 
     Raises:
         UserError: a damaged file or one that is too large, a joint that a message lacks or names twice, numbers that
             are not finite, clocks that do not fit each other.
     """
-    with opened_bag(path, file) as bag:
+    with opened_bag(path) as bag:
         header = _header(bag)
         chosen = [name for name in dict.fromkeys(wanted) if name in header]
         chosen_topics = [topic for topic in bag.kinds if any(header[name] == topic for name in chosen)]
         topics = {topic: _read_topic(bag, topic, [n for n in chosen if header[n] == topic]) for topic in chosen_topics}
     joints = next((topic for topic in chosen_topics if bag.kinds[topic] in JOINTS), None)
     if joints is None:  # the reading names what it misses
-        return RawTable(file, tuple(header), np.zeros(0, np.int64), "ns", {}, sha256=sha256)
+        return RawTable(file, tuple(header), np.zeros(0, np.int64), "ns", {})
     stamps = topics[joints].stamps
     first, columns = 0, dict(topics[joints].columns)
     for topic, one in topics.items():
@@ -79,15 +79,13 @@ def read_mcap(path: Path, wanted: Sequence[str], file: str, sha256: str) -> RawT
             first = max(first, int(np.searchsorted(stamps, one.stamps[0])))
             columns |= {name: values[np.maximum(at, 0)] for name, values in one.columns.items()}
             if one.stamps[-1] < stamps[0] and any(np.ptp(values) > 0.0 for values in one.columns.values()):
-                raise UserError(
-                    f"has no joint state before the last message of '{excerpt(topic, 60)}'", file=file,
-                    remedy=_ONE_CLOCK,
-                )  # fmt: skip
+                problem = f"has no joint state before the last message of '{excerpt(topic, 60)}'"
+                raise UserError(problem, remedy=_ONE_CLOCK)
     if first >= len(stamps):
-        raise UserError("has no joint state after the first command", file=file, remedy=_ONE_CLOCK)
+        raise UserError("has no joint state after the first command", remedy=_ONE_CLOCK)
     kept = {name: np.ascontiguousarray(columns[name][first:]) for name in chosen}
     notes = tuple(note for one in topics.values() for note in one.notes)
-    return RawTable(file, tuple(header), stamps[first:], "ns", kept, sha256=sha256, notes=notes)
+    return RawTable(file, tuple(header), stamps[first:], "ns", kept, notes=notes)
 
 
 def _header(bag: Bag) -> dict[str, str]:
@@ -98,9 +96,9 @@ def _header(bag: Bag) -> dict[str, str]:
                 if found.setdefault(name, topic) != topic:
                     raise UserError(
                         f"two topics give a column '{excerpt(name, 80)}': '{excerpt(found[name], 60)}' and "
-                        f"'{excerpt(topic, 60)}'", file=bag.file, remedy="Leave one of them out (`mcap filter`).",
+                        f"'{excerpt(topic, 60)}'", remedy="Leave one of them out (`mcap filter`).",
                     )  # fmt: skip
-            bag.require_room(len(found) * (COLUMN_BYTES + len(topic)))
+            require_room(len(found) * (COLUMN_BYTES + len(topic)))
     return found
 
 
@@ -109,33 +107,28 @@ def _read_topic(bag: Bag, topic: str, own: Sequence[str]) -> _Topic:
     stamps, logged = list[int](), list[int]()
     columns: dict[str, list[float]] = {name: [] for name in own}
     for k, (log_time, content) in enumerate(bag.messages(topic)):
-        bag.require_room((k + 1) * (len(own) + 2) * _HELD)
+        require_room((k + 1) * (len(own) + 2) * _HELD)
         values, twice = _values(topic, content), _twice(topic, content)
         for name in own:
+            here = f"message {k + 1} of '{excerpt(topic, 60)}'"
             if name in twice:
-                raise UserError(
-                    f"message {k + 1} of '{excerpt(topic, 60)}' has '{excerpt(name, 80)}' twice", file=bag.file,
-                    remedy="Which of them is meant cannot be told: give each joint a name of its own.",
-                )  # fmt: skip
+                remedy = "Which of them is meant cannot be told: give each joint a name of its own."
+                raise UserError(f"{here} has '{excerpt(name, 80)}' twice", remedy=remedy)
             if name not in values:
-                raise UserError(
-                    f"message {k + 1} of '{topic}' has no '{name}'", file=bag.file,
-                    remedy="Record each robot's joints on a topic of its own.",
-                )  # fmt: skip
+                remedy = "Record each robot's joints on a topic of its own."
+                raise UserError(f"{here} has no '{name}'", remedy=remedy)
             if not np.isfinite(values[name]):
-                raise UserError(
-                    f"message {k + 1} of '{topic}': '{name}' is {values[name]}, not a finite number", file=bag.file,
-                    remedy="Leave that column out of the case if its driver does not measure it.",
-                )  # fmt: skip
+                remedy = "Leave that column out of the case if its driver does not measure it."
+                raise UserError(f"{here}: '{name}' is {values[name]}, not a finite number", remedy=remedy)
             columns[name].append(values[name])
         stamps.append(_stamp(content))
         logged.append(log_time)
-    when = _instants(np.array(stamps, dtype=np.int64), np.array(logged, dtype=np.int64), topic, bag.file)
-    order, notes = _in_order(when, np.array(logged, dtype=np.int64), topic, bag.file)
+    when = _instants(np.array(stamps, dtype=np.int64), np.array(logged, dtype=np.int64), topic)
+    order, notes = _in_order(when, np.array(logged, dtype=np.int64), topic)
     return _Topic(when[order], {n: np.array(v)[order] for n, v in columns.items()}, notes)
 
 
-def _instants(stamps: Ints, logged: Ints, topic: str, file: str) -> Ints:
+def _instants(stamps: Ints, logged: Ints, topic: str) -> Ints:
     """Stamps (n,) of headers, or when messages were logged (n,) where no header has one, ns.
 
     A header that nobody set says 0, and so does a simulated clock at its start.
@@ -150,23 +143,19 @@ def _instants(stamps: Ints, logged: Ints, topic: str, file: str) -> Ints:
     late = np.flatnonzero(stamps[order][first_set:] == 0)
     if late.size or (first_set and stamps[order][first_set] >= _SIMULATED_NS):
         k = int(order[first_set + late[0] if late.size else 0]) + 1
-        raise UserError(
-            f"message {k} of '{excerpt(topic, 60)}' has no stamp in its header, others have", file=file,
-            remedy="Let the driver set header.stamp in every message, or in none: when it was logged counts then.",
-        )  # fmt: skip
+        remedy = "Let the driver set header.stamp in every message, or in none: when it was logged counts then."
+        raise UserError(f"message {k} of '{excerpt(topic, 60)}' has no stamp in its header, others have", remedy=remedy)
     return stamps
 
 
-def _in_order(stamps: Ints, logged: Ints, topic: str, file: str) -> tuple[NDArray[np.intp], tuple[str, ...]]:
+def _in_order(stamps: Ints, logged: Ints, topic: str) -> tuple[NDArray[np.intp], tuple[str, ...]]:
     """The order (n,) of ascending stamps (n,), in ns, and what is to be told of it; equal ones stay as they were logged
     (n,)."""
     order = np.argsort(logged, kind="stable")
     back = np.maximum.accumulate(stamps[order]) - stamps[order]
     if back.max() > _BACK_NS:
-        raise UserError(
-            f"the clock of '{excerpt(topic, 60)}' goes back by {back.max() / 1e9:.3g} s", file=file,
-            remedy="Cut it there (`mcap filter`): each start of the clock is a recording of its own.",
-        )  # fmt: skip
+        remedy = "Cut it there (`mcap filter`): each start of the clock is a recording of its own."
+        raise UserError(f"the clock of '{excerpt(topic, 60)}' goes back by {back.max() / 1e9:.3g} s", remedy=remedy)
     overtaken = int(np.sum(back > 0))
     note = (
         f"{overtaken:,} of {len(stamps):,} messages of '{excerpt(topic, 60)}' "
@@ -225,7 +214,6 @@ class Bag:
         channels: topic -> numbers of its channels.
     """
 
-    file: str
     stream: Any
     summary: Any
     kinds: dict[str, str]
@@ -243,15 +231,10 @@ class Bag:
         factory, own = DecoderFactory(), self.channels[topic]
         for record in self._records(own):
             if isinstance(record, Message) and record.channel_id in own:
-                self.require_room(len(record.data) // _LEAST * (COLUMN_BYTES + len(topic)))
+                require_room(len(record.data) // _LEAST * (COLUMN_BYTES + len(topic)))
                 channel = self.summary.channels[record.channel_id]
                 decode = factory.decoder_for(channel.message_encoding, self.summary.schemas[channel.schema_id])
                 yield int(record.log_time), decode(record.data)
-
-    def require_room(self, size: int) -> None:
-        """Refuse so many bytes if they are too many; the message names the file."""
-        with placed(file=self.file):
-            require_room(size)
 
     def _records(self, channels: set[int]) -> Iterator[Any]:
         """Records of the file, without chunks that say they have none of these channels."""
@@ -274,7 +257,7 @@ class Bag:
         from mcap.stream_reader import StreamReader
 
         size = int(chunk.uncompressed_size)
-        self.require_room(size)
+        require_room(size)
         plain = {"zstd": _zstd, "lz4": _lz4, "": _plain}[chunk.compression](chunk.data, size)
         if len(plain) != size or (chunk.uncompressed_crc and crc32(plain) != chunk.uncompressed_crc):
             raise ValueError("a chunk does not fit its length or checksum")
@@ -305,31 +288,30 @@ def _lz4(data: bytes, size: int) -> bytes:
 
 
 @contextmanager
-def opened_bag(path: Path, file: str) -> Iterator[Bag]:
+def opened_bag(path: Path) -> Iterator[Bag]:
     """A recording of ROS 2; whatever a damaged file does to its reader becomes one line.
 
     Raises:
         UserError: a damaged file, no topic that is read, or a missing library.
     """
-    with optional("the library for MCAP files", "mcap", file=file, key=None):
+    with optional("the library for MCAP files", "mcap", key=None):
         import mcap_ros2.decoder  # noqa: F401
         from mcap.reader import make_reader
     try:
         with reading.opened(path) as stream:
             summary = make_reader(stream, validate_crcs=True).get_summary()
             if summary is None:
-                raise UserError("has no summary: its recording was cut off", file=file, remedy=_DAMAGED)
-            kinds, channels = _topics(summary, file)
-            yield Bag(file, stream, summary, kinds, channels)
+                raise UserError("has no summary: its recording was cut off", remedy=_DAMAGED)
+            kinds, channels = _topics(summary)
+            yield Bag(stream, summary, kinds, channels)
     except (UserError, MemoryError):
         raise
     except Exception as error:  # the libraries raise their own, struct's, zstandard's and lz4's
-        raise UserError(
-            f"cannot be read as MCAP ({excerpt(str(error) or type(error).__name__, 120)})", file=file, remedy=_DAMAGED
-        ) from None
+        problem = f"cannot be read as MCAP ({excerpt(str(error) or type(error).__name__, 120)})"
+        raise UserError(problem, remedy=_DAMAGED) from None
 
 
-def _topics(summary: Any, file: str) -> tuple[dict[str, str], dict[str, set[int]]]:
+def _topics(summary: Any) -> tuple[dict[str, str], dict[str, set[int]]]:
     """Topic -> type of message, and -> channels, of those that are read, in the order of their names."""
     types: dict[str, str] = {}
     kinds: dict[str, str] = {}
@@ -343,22 +325,17 @@ def _topics(summary: Any, file: str) -> tuple[dict[str, str], dict[str, set[int]
             continue
         if (channel.message_encoding, schema.encoding) != ("cdr", "ros2msg"):
             others = excerpt(f"{channel.message_encoding}, {schema.encoding}", 40)
-            raise UserError(
-                f"'{excerpt(topic, 60)}' is not in messages of ROS 2 (cdr, ros2msg) but in others ({others})",
-                file=file,
-                remedy="Convert it to ROS 2 messages.",
-            )  # fmt: skip
+            problem = f"'{excerpt(topic, 60)}' is not in messages of ROS 2 (cdr, ros2msg) but in others ({others})"
+            raise UserError(problem, remedy="Convert it to ROS 2 messages.")
         if len(schema.data) > _DEFINITION:
             raise UserError(
                 f"the definition of {schema.name} for '{excerpt(topic, 60)}' has {len(schema.data):,} bytes, more than "
-                f"{_DEFINITION:,}", file=file, remedy="Record it with the definition of ROS 2, or leave the topic out.",
+                f"{_DEFINITION:,}", remedy="Record it with the definition of ROS 2, or leave the topic out.",
             )  # fmt: skip
         kinds[topic] = schema.name
         channels.setdefault(topic, set()).add(number)
     if not any(kind in JOINTS for kind in kinds.values()):
         listed = excerpt(", ".join(f"{topic} ({kind})" for topic, kind in types.items()), 200)
-        raise UserError(
-            f"has no topic of joint states, only {listed or 'none'}", file=file,
-            remedy="Record a sensor_msgs/JointState, such as /joint_states.",
-        )  # fmt: skip
+        remedy = "Record a sensor_msgs/JointState, such as /joint_states."
+        raise UserError(f"has no topic of joint states, only {listed or 'none'}", remedy=remedy)
     return kinds, channels

@@ -12,6 +12,7 @@ from simgap.diagnosis.record.conditions import told_by_columns
 from simgap.diagnosis.record.traces import Reading, read_traces
 from simgap.errors import UserError, placed
 from simgap.io.recordings.tables import read_recording
+from simgap.model.expressions import parse
 from simgap.model.symbolic import SymbolicModel
 from simgap.reading import relative
 from simgap.units import conversion, full_turn
@@ -38,10 +39,10 @@ def load_reading(
     Raises:
         UserError: for anything wrong with the files or the mapping.
     """
-    channels, conditions = channels_of(model, section, case), condition_channels(model, section, case)
-    wanted = [c.column for c in (*channels, *conditions) if c.constant is None]
     typed = {relative(path, relative_to): str(path) for path in paths}
     try:
+        channels, conditions = channels_of(model, section), condition_channels(model, section)
+        wanted = [c.column for c in (*channels, *conditions) if c.constant is None]
         tables = [
             read_recording(path, wanted, section.time.column, section.trace_column, relative(path, relative_to))
             for path in paths
@@ -58,71 +59,58 @@ def load_reading(
         raise UserError(error.problem, file=file, key=error.key, remedy=error.remedy) from None
 
 
-def channels_of(model: SymbolicModel, section: MeasuredSection, case: str | None = None) -> tuple[Channel, ...]:
+def channels_of(model: SymbolicModel, section: MeasuredSection) -> tuple[Channel, ...]:
     """States, then inputs, with the columns they come from.
 
     Raises:
         UserError: if the case maps something that is neither a state nor an input, or an offset is not a number.
     """
     known = (*model.state_names, *model.input_names)
-    _refuse_unknown(section.columns, known, "columns", "neither a state nor an input", case)
-    _refuse_unknown(section.noise, model.state_names, "noise", "not a state", case)
+    _refuse_unknown(section.columns, known, "columns", "neither a state nor an input")
+    _refuse_unknown(section.noise, model.state_names, "noise", "not a state")
     return tuple(
-        _channel(v.name, v.unit, is_input, section.columns.get(v.name), case)
+        _channel(v.name, v.unit, is_input, section.columns.get(v.name))
         for variables, is_input in ((model.states, False), (model.inputs, True))
         for v in variables
     )
 
 
-def condition_channels(model: SymbolicModel, section: MeasuredSection, case: str | None = None) -> tuple[Channel, ...]:
+def condition_channels(model: SymbolicModel, section: MeasuredSection) -> tuple[Channel, ...]:
     """Parameters that columns tell, with these columns.
 
     Raises:
         UserError: what is not a parameter of the plant, the column of time, or a unit of something else.
     """
-    _refuse_unknown(
-        section.conditions_from, tuple(model.parameters), "conditions_from", "not a parameter of the plant", case
-    )
+    _refuse_unknown(section.conditions_from, tuple(model.parameters), "conditions_from", "not a parameter of the plant")
     found = []
     for name, column in section.conditions_from.items():
         if column.column == section.time.column:
-            raise UserError(
-                f"'{column.column}' is the column of time stamps", file=case,
-                key=f"measured.conditions_from.{name}.column", remedy="Name one that holds the parameter.",
-            )  # fmt: skip
+            problem = f"'{column.column}' is the column of time stamps"
+            remedy = "Name one that holds the parameter."
+            raise UserError(problem, key=f"measured.conditions_from.{name}.column", remedy=remedy)
         unit = model.parameters[name].unit
-        _refuse_unit(f"measured.conditions_from.{name}", unit, column.unit, case)
+        _refuse_unit(f"measured.conditions_from.{name}", unit, column.unit)
         found.append(
             Channel(name, unit, True, column.column, column.unit, column.scale, mapped=True, section="conditions_from")
         )
     return tuple(found)
 
 
-def _refuse_unknown(names: Iterable[str], known: Sequence[str], key: str, what: str, case: str | None) -> None:
+def _refuse_unknown(names: Iterable[str], known: Sequence[str], key: str, what: str) -> None:
     for name in names:
         if name not in known:
-            raise UserError(
-                f"'{name}' is {what}", file=case, key=f"measured.{key}.{name}", remedy=f"Known: {', '.join(known)}."
-            )
+            raise UserError(f"'{name}' is {what}", key=f"measured.{key}.{name}", remedy=f"Known: {', '.join(known)}.")
 
 
-def _channel(name: str, unit: str, is_input: bool, column: ColumnMap | None, case: str | None) -> Channel:
-    if column is None:
-        return Channel(name, unit, is_input, name)
+def _channel(name: str, unit: str, is_input: bool, given: ColumnMap | None) -> Channel:
+    column, key = given or ColumnMap(), f"measured.columns.{name}"
     if column.constant is not None and not is_input:
-        raise UserError(
-            "a state cannot be constant",
-            file=case,
-            key=f"measured.columns.{name}.constant",
-            remedy="Leave out a state that was not measured.",
-        )
-    key = f"measured.columns.{name}"
-    _refuse_unit(key, unit, column.unit, case)
+        remedy = "Leave out a state that was not measured."
+        raise UserError("a state cannot be constant", key=f"{key}.constant", remedy=remedy)
+    _refuse_unit(key, unit, column.unit)
     if column.wrapped and full_turn(column.unit or unit) is None:
-        raise UserError(
-            f"'{column.unit or unit}' is not an angle, so it cannot be wrapped", file=case, key=f"{key}.wrapped",
-            remedy="Remove it, or correct the unit.",
-        )  # fmt: skip
+        problem = f"'{column.unit or unit}' is not an angle, so it cannot be wrapped"
+        raise UserError(problem, key=f"{key}.wrapped", remedy="Remove it, or correct the unit.")
     return Channel(
         name,
         unit,
@@ -130,23 +118,21 @@ def _channel(name: str, unit: str, is_input: bool, column: ColumnMap | None, cas
         column=column.column or name,
         column_unit=column.unit,
         scale=column.scale,
-        offset=_number(column.offset, f"{key}.offset", case),
+        offset=_number(column.offset, f"{key}.offset"),
         wrapped=column.wrapped,
         constant=column.constant,
-        mapped=True,
+        mapped=given is not None,
     )
 
 
-def _refuse_unit(key: str, unit: str, cells: str | None, case: str | None) -> None:
+def _refuse_unit(key: str, unit: str, cells: str | None) -> None:
     """A unit of the cells that does not exist or is of something else."""
-    with placed(file=case, key=f"{key}.unit"):
+    with placed(key=f"{key}.unit"):
         conversion(unit if cells is None else cells, unit)
 
 
-def _number(value: float | str, key: str, case: str | None) -> float:
+def _number(value: float | str, key: str) -> float:
     if isinstance(value, int | float):
         return float(value)
-    from simgap.model.expressions import parse  # sympy: only for offsets such as -pi
-
-    with placed(file=case, key=key, remedy="Write a number, or one like -pi/2."):
+    with placed(key=key, remedy="Write a number, or one like -pi/2."):
         return float(parse(value, ()))

@@ -47,42 +47,42 @@ class CsvLayout:
     header: tuple[str, ...]
 
 
-def csv_layout(path: Path, file: str) -> CsvLayout:
+def csv_layout(path: Path) -> CsvLayout:
     """The layout, from the first lines: comma, semicolon or tab; a header may stand in a '#' line.
 
     Raises:
         UserError: for an empty file, a file without a header line or one that is not UTF-8 text.
     """
-    skip, comment, text, below = _first_lines(path, file)
+    skip, comment, text, below = _first_lines(path)
     delimiter = next((d for d in ";\t" if d in text), ",")  # a comma beside one of these is a decimal sign
     if comment and all(_NUMBER.fullmatch(c.strip()) for c in text.split(delimiter)):
         below, text, skip = [text, *below], comment, skip - 1  # the names stand in the '#' line above the numbers
     names = tuple(cell.strip().strip('"').strip() for cell in text.lstrip("#").split(delimiter))
     if all(_NUMBER.fullmatch(n) for n in names if n):
-        raise UserError("has no header line", file=file, remedy="Add a first line with the names of the columns.")
+        raise UserError("has no header line", remedy="Add a first line with the names of the columns.")
     twice = sorted({n for n in names if n and names.count(n) > 1})
     if twice:
-        raise UserError(f"has two columns named '{twice[0]}'", file=file, remedy="Rename one of them.")
+        raise UserError(f"has two columns named '{twice[0]}'", remedy="Rename one of them.")
     decimal = "," if delimiter != "," and any("," in line for line in below) else "."
     return CsvLayout(skip, delimiter, decimal, names)
 
 
-def _first_lines(path: Path, file: str) -> tuple[int, str, str, list[str]]:
+def _first_lines(path: Path) -> tuple[int, str, str, list[str]]:
     """Number of lines up to the first that is neither blank nor '#', the last '#' line, that line, some lines below."""
     comment = ""
     try:
-        stream = reading.lines(path, file)
+        stream = reading.lines(path)
         for k, line in enumerate(stream):
             if line.startswith("#"):
                 comment = line.strip()
             elif line.strip():
                 return k + 1, comment, line.rstrip("\r\n"), list(islice(stream, 64))
     except UnicodeDecodeError:
-        raise not_text(path, file) from None
-    raise UserError("is empty", file=file, remedy="Check the recording.")
+        raise not_text(path) from None
+    raise UserError("is empty", remedy="Check the recording.")
 
 
-def not_text(path: Path, file: str) -> UserError:
+def not_text(path: Path) -> UserError:
     """Message for a file that is not UTF-8 text, by how it begins."""
     with reading.opened(path) as stream:
         start = stream.read(16)
@@ -90,10 +90,10 @@ def not_text(path: Path, file: str) -> UserError:
         (said for magic, said in _OTHERS.items() if start.startswith(magic)),
         ("is not UTF-8 text", "Save it in UTF-8, or as Parquet."),
     )
-    return UserError(problem, file=file, remedy=remedy)
+    return UserError(problem, remedy=remedy)
 
 
-def read_csv_columns(path: Path, layout: CsvLayout, columns: list[str], types: Mapping[str, Any], file: str) -> Any:
+def read_csv_columns(path: Path, layout: CsvLayout, columns: list[str], types: Mapping[str, Any]) -> Any:
     """The named columns as an Arrow table; a column with a cell that is not a number comes back as text.
 
     Raises:
@@ -103,11 +103,11 @@ def read_csv_columns(path: Path, layout: CsvLayout, columns: list[str], types: M
         return _read(path, layout, columns, dict(types))
     except (pa.ArrowException, OSError) as error:
         if "Expected" in str(error) and "columns" in str(error):
-            raise _ragged(path, layout, file) from None
+            raise _ragged(path, layout) from None
     try:
         return _read(path, layout, columns, {c: pa.string() for c in columns})
     except (pa.ArrowException, OSError) as error:
-        raise UserError(f"cannot be read as CSV ({str(error)[:120]})", file=file, remedy="Export it again.") from None
+        raise UserError(f"cannot be read as CSV ({str(error)[:120]})", remedy="Export it again.") from None
 
 
 def _read(path: Path, layout: CsvLayout, columns: list[str], types: dict[str, Any]) -> Any:
@@ -127,10 +127,10 @@ def _read(path: Path, layout: CsvLayout, columns: list[str], types: dict[str, An
     return table
 
 
-def _ragged(path: Path, layout: CsvLayout, file: str) -> UserError:
+def _ragged(path: Path, layout: CsvLayout) -> UserError:
     """The first row whose number of cells is not that of the header."""
     want, row = len(layout.header), 0
-    for k, line in enumerate(reading.lines(path, file, errors="replace")):
+    for k, line in enumerate(reading.lines(path, errors="replace")):
         if k < layout.skip or not line.strip():
             continue
         row += 1
@@ -138,8 +138,8 @@ def _ragged(path: Path, layout: CsvLayout, file: str) -> UserError:
         if cells != want:
             commas = layout.delimiter == "," and row == 1
             remedy = "Write decimals with points, or put semicolons between columns." if commas else "Mend the row."
-            return UserError(f"row {row} has {cells} cells where the header has {want}", file=file, remedy=remedy)
-    return UserError("has rows of different lengths", file=file, remedy="Export it again.")
+            return UserError(f"row {row} has {cells} cells where the header has {want}", remedy=remedy)
+    return UserError("has rows of different lengths", remedy="Export it again.")
 
 
 _HELD = 32  # bytes of a number while samples are gathered: the number and its place in a list
@@ -148,13 +148,13 @@ _NUMBERS = frozenset({int, float, bool})
 _MEND = "Write a number there, or leave the sample out."
 
 
-def json_cells(path: Path, columns: Iterable[str], file: str) -> tuple[tuple[str, ...], dict[str, list[Any]]]:
+def json_cells(path: Path, columns: Iterable[str]) -> tuple[tuple[str, ...], dict[str, list[Any]]]:
     """The names of all columns, and the cells of those that are asked for.
 
     Raises:
         UserError: a file that is no JSON, is too large or holds no samples.
     """
-    samples = read_samples(path, file)
+    samples = read_samples(path)
     constants, varying, rows = samples.constants, dict[str, None](), 0
     cells: dict[str, list[Any]] = {name: [] for name in columns}
     for rows, row in enumerate(samples.rows, 1):
@@ -163,33 +163,27 @@ def json_cells(path: Path, columns: Iterable[str], file: str) -> tuple[tuple[str
         for name, own in cells.items():
             own.append(row.get(name, _ABSENT))
         if rows % 4096 == 0:
-            require_json_room(rows * len(cells) * _HELD, file)
+            require_json_room(rows * len(cells) * _HELD)
     if not rows:
-        raise UserError("has no samples", file=file, remedy="Check the recording.")
+        raise UserError("has no samples", remedy="Check the recording.")
     twice = next((name for name in constants if name in varying), None)
     if twice is not None:
-        raise UserError(
-            f"'{excerpt(twice, 40)}' appears in the samples and beside them", file=file, remedy="Rename one of them."
-        )
+        raise UserError(f"'{excerpt(twice, 40)}' appears in the samples and beside them", remedy="Rename one of them.")
     for name in constants.keys() & cells.keys():
         cells[name] = list(repeat(constants[name], rows))
     return tuple(_text(name) for name in (*varying, *constants)), cells
 
 
-def json_table(
-    cells: Mapping[str, list[Any]], columns: Sequence[str], time: str, labels: str | None, file: str
-) -> pa.Table:
+def json_table(cells: Mapping[str, list[Any]], columns: Sequence[str], time: str, labels: str | None) -> pa.Table:
     """The columns as Arrow has them: numbers, booleans as 0 and 1; in `labels` the names of traces, as text.
 
     Raises:
         UserError: a value that is missing or no number (with its row, counted from 1 in the list of samples).
     """
-    return pa.table(
-        {n: _labels(cells[n], file, n) if n == labels else _numbers(cells[n], file, n, n == time) for n in columns}
-    )
+    return pa.table({n: _labels(cells[n], n) if n == labels else _numbers(cells[n], n, n == time) for n in columns})
 
 
-def _numbers(cells: Sequence[Any], file: str, name: str, stamps: bool) -> pa.Array:
+def _numbers(cells: Sequence[Any], name: str, stamps: bool) -> pa.Array:
     """A column of numbers, NaN for null; whole stamps stay exact: nanoseconds since an epoch have too many digits."""
     kinds, taken = set(map(type, cells)), _NUMBERS if stamps else _NUMBERS | {type(None)}
     if kinds <= taken:
@@ -197,23 +191,23 @@ def _numbers(cells: Sequence[Any], file: str, name: str, stamps: bool) -> pa.Arr
             with suppress(OverflowError):
                 return pa.array(np.array(cells, dtype=kind))
     row = next(k for k, cell in enumerate(cells) if type(cell) not in taken or abs(cell or 0) > sys.float_info.max)
-    raise _bad(file, name, row, cells[row], "not a finite number")
+    raise _bad(name, row, cells[row], "not a finite number")
 
 
-def _labels(cells: Sequence[Any], file: str, name: str) -> pa.Array:
+def _labels(cells: Sequence[Any], name: str) -> pa.Array:
     for row, cell in enumerate(cells):
         if cell is None or cell is _ABSENT:
-            raise _bad(file, name, row, cell, "not the name of a trace")
+            raise _bad(name, row, cell, "not the name of a trace")
     return pa.array([_text(str(cell)) for cell in cells], pa.string())
 
 
-def _bad(file: str, name: str, row: int, cell: Any, what: str) -> UserError:
+def _bad(name: str, row: int, cell: Any, what: str) -> UserError:
     problem = f"'{excerpt(cell, 40)}' is {what}"
     if cell is None or cell is _ABSENT:
         problem = "null is not a reading" if cell is None else "the sample has no such key"
     elif isinstance(cell, str):
         problem = f"'{excerpt(cell, 40)}' is a text, not a number"
-    return UserError(f"row {row + 1}, key '{excerpt(name, 40)}': {problem}", file=file, remedy=_MEND)
+    return UserError(f"row {row + 1}, key '{excerpt(name, 40)}': {problem}", remedy=_MEND)
 
 
 def _text(name: str) -> str:
@@ -249,62 +243,62 @@ class _Twice:
     key: str
 
 
-def read_samples(path: Path, file: str) -> Samples:
+def read_samples(path: Path) -> Samples:
     """The samples of a file; lines are read as rows are asked for, a document is held whole.
 
     Raises:
         UserError: a file that is no JSON, is too large or holds no samples; rows raise for what is wrong with them.
     """
-    if _are_lines(path, file):
-        return Samples({}, _rows(_line_values(path, file), file, "line"))
-    return _samples(_document(path, file), file)
+    if _are_lines(path):
+        return Samples({}, _rows(_line_values(path), "line"))
+    return _samples(_document(path))
 
 
-def _are_lines(path: Path, file: str) -> bool:
+def _are_lines(path: Path) -> bool:
     """True if the first line is a value of its own and others follow it; what the file is called does not matter."""
     try:
-        written = (line for line in reading.lines(path, file, MOST) if line.strip())
+        written = (line for line in reading.lines(path, MOST) if line.strip())
         first, more = next(written, ""), next(written, None) is not None
         return more and json.loads(first) is not None
     except (ValueError, RecursionError):  # no text, or no JSON: the document says where
         return False
 
 
-def _document(path: Path, file: str) -> Any:
-    require_json_room(path.stat().st_size * JSON_HELD, file)
+def _document(path: Path) -> Any:
+    require_json_room(path.stat().st_size * JSON_HELD)
     content = reading.read_bytes(path)
     if not content.strip():
-        raise UserError("is empty", file=file, remedy="Check the recording.")
-    try:
-        return _parsed(content, file, path)
-    except json.JSONDecodeError as error:
-        raise _malformed(error, file, error.lineno) from None
+        raise UserError("is empty", remedy="Check the recording.")
+    return _parsed(content, path)
 
 
-def _line_values(path: Path, file: str) -> Iterator[tuple[int, Any]]:
+def _line_values(path: Path) -> Iterator[tuple[int, Any]]:
     """Number of a line that is not blank, and what it says."""
     try:
-        for number, line in enumerate(reading.lines(path, file, MOST), 1):
+        for number, line in enumerate(reading.lines(path, MOST), 1):
             if line.strip():
-                try:
-                    yield number, _parsed(line, file, path)
-                except json.JSONDecodeError as error:
-                    raise _malformed(error, file, number) from None
+                yield number, _parsed(line, path, number)
     except UnicodeDecodeError:
-        raise not_text(path, file) from None
+        raise not_text(path) from None
 
 
-def _parsed(content: bytes | str, file: str, path: Path) -> Any:
+def _parsed(content: bytes | str, path: Path, number: int | None = None) -> Any:
+    """The value of a document, or of a line by its number."""
     try:
         return json.loads(content, object_pairs_hook=_object)
-    except json.JSONDecodeError:
-        raise
+    except json.JSONDecodeError as error:
+        line = number or error.lineno
+        if not error.doc[error.pos :].strip():
+            remedy = "Wait until it is written, or copy it again."
+            raise UserError(f"ends at line {line} before its JSON does", remedy=remedy) from None
+        problem = f"line {line}, column {error.colno} is not JSON ({error.msg})"
+        raise UserError(problem, remedy=_WRITTEN) from None
     except UnicodeDecodeError:
-        raise not_text(path, file) from None
+        raise not_text(path) from None
     except RecursionError:
-        raise UserError("is nested too deeply", file=file, remedy=_SHAPE) from None
+        raise UserError("is nested too deeply", remedy=_SHAPE) from None
     except ValueError:  # of Python itself: it reads integers of 4300 digits at most
-        raise UserError("holds an integer of thousands of digits", file=file, remedy=_WRITTEN) from None
+        raise UserError("holds an integer of thousands of digits", remedy=_WRITTEN) from None
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any] | _Twice:
@@ -315,52 +309,42 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any] | _Twice:
     return _Twice(next(key for key in keys if keys.count(key) > 1))
 
 
-def _malformed(error: json.JSONDecodeError, file: str, line: int) -> UserError:
-    if not error.doc[error.pos :].strip():
-        return UserError(
-            f"ends at line {line} before its JSON does", file=file, remedy="Wait until it is written, or copy it again."
-        )
-    return UserError(f"line {line}, column {error.colno} is not JSON ({error.msg})", file=file, remedy=_WRITTEN)
-
-
-def _samples(content: Any, file: str) -> Samples:
+def _samples(content: Any) -> Samples:
     """Samples of a document."""
     if isinstance(content, list):
-        return Samples({}, _rows(enumerate(content, 1), file, "row"))
+        return Samples({}, _rows(enumerate(content, 1), "row"))
     if not isinstance(content, dict):
-        _refuse_kind(content, "the document", file)
+        _refuse_kind(content, "the document")
     lists: dict[str, list[Any]] = {}
-    constants = _flat(content, "beside the samples", file, lists)
+    constants = _flat(content, "beside the samples", lists)
     records = [name for name, values in lists.items() if values and isinstance(values[0], dict | _Twice)]
     if len(records) > 1:
-        raise UserError(
-            f"holds two lists of samples, '{excerpt(records[0], 40)}' and '{excerpt(records[1], 40)}'", file=file,
-            remedy="Give each a file of its own.",
-        )  # fmt: skip
+        problem = f"holds two lists of samples, '{excerpt(records[0], 40)}' and '{excerpt(records[1], 40)}'"
+        raise UserError(problem, remedy="Give each a file of its own.")
     if records:
-        return Samples(constants, _rows(enumerate(lists[records[0]], 1), file, "row"))
+        return Samples(constants, _rows(enumerate(lists[records[0]], 1), "row"))
     if not lists:
-        raise UserError("holds no list of samples", file=file, remedy=_SHAPE)
+        raise UserError("holds no list of samples", remedy=_SHAPE)
     first = next(iter(lists))
     for name, values in lists.items():
         if len(values) != len(lists[first]):
             raise UserError(
                 f"'{excerpt(name, 40)}' has {len(values)} values and '{excerpt(first, 40)}' {len(lists[first])}",
-                file=file, remedy="Write arrays of one length, or a list of objects, one a sample.",
-            )  # fmt: skip
+                remedy="Write arrays of one length, or a list of objects, one a sample.",
+            )
     across = ({name: values[k] for name, values in lists.items()} for k in range(len(lists[first])))
-    return Samples(constants, _rows(enumerate(across, 1), file, "row"))
+    return Samples(constants, _rows(enumerate(across, 1), "row"))
 
 
-def _rows(samples: Iterable[tuple[int, Any]], file: str, word: str) -> Iterator[Mapping[str, Any]]:
+def _rows(samples: Iterable[tuple[int, Any]], word: str) -> Iterator[Mapping[str, Any]]:
     for number, sample in samples:
-        yield _flat(sample, f"{word} {number}", file)
+        yield _flat(sample, f"{word} {number}")
 
 
-def _flat(value: Any, place: str, file: str, lists: dict[str, list[Any]] | None = None) -> Mapping[str, Any]:
+def _flat(value: Any, place: str, lists: dict[str, list[Any]] | None = None) -> Mapping[str, Any]:
     """The scalars of an object by dotted name. Lists go to `lists`, or become `name.0`, `name.1` ... without it."""
     if not isinstance(value, dict):
-        _refuse_kind(value, place, file)
+        _refuse_kind(value, place)
     if not any(isinstance(inner, dict | list | _Twice) for inner in value.values()):
         return value
     found: dict[str, Any] = {}
@@ -368,15 +352,13 @@ def _flat(value: Any, place: str, file: str, lists: dict[str, list[Any]] | None 
     while open_ones:
         name, inner = open_ones.pop()
         if isinstance(inner, _Twice):
-            _refuse_kind(inner, place, file)
+            _refuse_kind(inner, place)
         if isinstance(inner, dict) or (isinstance(inner, list) and lists is None):
             pairs = list(inner.items() if isinstance(inner, dict) else enumerate(inner))
             if isinstance(inner, dict) or len(pairs) <= _MOST_PARTS:
                 open_ones += [(f"{name}.{key}", below) for key, below in reversed(pairs)]
         elif name in found or (lists and name in lists):
-            raise UserError(
-                f"{place}: two values are called '{excerpt(name, 40)}'", file=file, remedy="Rename one of the keys."
-            )
+            raise UserError(f"{place}: two values are called '{excerpt(name, 40)}'", remedy="Rename one of the keys.")
         elif isinstance(inner, list) and lists is not None:
             lists[name] = inner
         else:
@@ -384,16 +366,14 @@ def _flat(value: Any, place: str, file: str, lists: dict[str, list[Any]] | None 
     return found
 
 
-def _refuse_kind(value: Any, place: str, file: str) -> Never:
+def _refuse_kind(value: Any, place: str) -> Never:
     if isinstance(value, _Twice):
-        raise UserError(
-            f"{place}: the key '{excerpt(value.key, 40)}' appears twice", file=file, remedy="Remove one of them."
-        )
+        raise UserError(f"{place}: the key '{excerpt(value.key, 40)}' appears twice", remedy="Remove one of them.")
     kinds = {list: "a list", str: "a text", bool: "a boolean", int: "a number", float: "a number"}
-    raise UserError(f"{place} is {kinds.get(type(value), 'null')}, not an object", file=file, remedy=_SHAPE)
+    raise UserError(f"{place} is {kinds.get(type(value), 'null')}, not an object", remedy=_SHAPE)
 
 
-def require_json_room(size: int, file: str) -> None:
+def require_json_room(size: int) -> None:
     """Refuse so many bytes if they are too many; the message names the file."""
-    with placed(file=file, remedy="Write it as lines of JSON (.jsonl) or as Parquet."):
+    with placed(remedy="Write it as lines of JSON (.jsonl) or as Parquet."):
         require_room(size)

@@ -33,22 +33,26 @@ from simgap.io.rerun.recording import (
     PlanarScene,
     curves,
     finite,
+    lean,
+    log_scene,
     plot,
     recording_file,
     rgb,
+    robot_name,
     root,
     share_of_bound,
+    stance,
+    viewed,
 )
-from simgap.io.rerun.scene import lean, log_scene, robot_name, stance, viewed
 from simgap.io.traces import GAP_AWARE, NOMINAL, SIMULATOR, TITLES, Trace, cut_short, first_seconds, twin
+from simgap.late import rerun as rr
+from simgap.late import rerun_blueprint as rrb
 from simgap.notation import axis_label
 from simgap.synthesis.controller import Controller
 
 
 def write_recording(path: Path, content: Content) -> None:
     """Write the recording with its blueprint, atomically."""
-    import rerun as rr
-
     content = replace(content, scene=viewed(content.scene))
     with recording_file(path, "simgap", f"simgap-{content.case}", blueprint(content)) as recording:
         recording.log("about", rr.TextDocument(content.about, media_type="text/markdown"), static=True)
@@ -75,8 +79,6 @@ def _look(entity: str, trace: Trace) -> tuple[str, float, str]:
 
 def _log_shown(recording: Any, content: Content, controller: str, trace: Trace) -> None:
     """The share of the bound, the value function and what happened, of the run on display."""
-    import rerun as rr
-
     share = share_of_bound(trace)
     for j, name in enumerate(content.states):
         curve = finite(f"shown/{controller}/share/{name}", trace.t, share[:, j])
@@ -168,8 +170,6 @@ def to_pixels(x: Floats, box: Box, shape: tuple[int, int]) -> Floats:
 
 def log_phase(recording: Any, content: Content) -> None:
     """Log the image and the runs; nothing for plants with one state, or grids that differ."""
-    import rerun as rr
-
     gap_aware, nominal = content.controllers[GAP_AWARE], content.controllers[NOMINAL]
     if len(content.states) < 2 or gap_aware.grid.cells != nominal.grid.cells:
         return
@@ -269,8 +269,6 @@ def write_witness(
     measured: Floats | None = None,
 ) -> None:
     """Write the recording atomically; `rerun PATH` opens it. `measured` (n, nx) is what the controller saw."""
-    import rerun as rr
-
     with recording_file(path, "simgap", f"simgap-witness-{case}") as recording:
         recording.log("about", rr.TextDocument(f"# {case}\n\n{what}", media_type="text/markdown"), static=True)
         every = [*curves(trace, states, inputs)]
@@ -282,8 +280,6 @@ def write_witness(
 
 def blueprint(content: Content) -> Any:
     """The blueprint of a case: tabs for the two controllers' gaps, everything else side by side."""
-    import rerun.blueprint as rrb
-
     about = rrb.TextDocumentView(name="What this shows", origin="/about")
     middle: list[Any] = [about]
     if len(content.states) >= 2:
@@ -317,7 +313,6 @@ def _plane(content: Content) -> str:
 
 def _columns() -> Any:
     """Time and text, without the entity's path."""
-    import rerun.blueprint as rrb
     from rerun.blueprint import encodings
 
     kinds = encodings.TextLogColumnKind
@@ -326,8 +321,6 @@ def _columns() -> Any:
 
 
 def _scene(content: Content) -> Any:
-    import rerun.blueprint as rrb
-
     planar = isinstance(content.scene, PlanarScene)
     name = "Arena, robots and paths" if planar else "The plant under both controllers; grey: the nominal model"
     bodies = [f"/body_{controller}_{plant}" for controller in content.shown for plant in ("simulator", "model")]
@@ -340,8 +333,6 @@ def _scene(content: Content) -> Any:
 
 
 def _eye(content: Content) -> Any:
-    import rerun.blueprint as rrb
-
     if not isinstance(content.scene, JointScene):
         arena = content.scene.arena if content.scene is not None else Box([0.0, 0.0], [1.0, 1.0])
         x, y = 0.5 * (arena.lo + arena.hi)
@@ -355,9 +346,6 @@ def _eye(content: Content) -> Any:
 
 def _plot(content: Content, name: str, contents: Sequence[str]) -> Any:
     """Curves without a legend, which would lie on them: the text of the recording says what the colours mean."""
-    import rerun as rr
-    import rerun.blueprint as rrb
-
     boundary = rrb.TimeRangeBoundary.absolute
     window = rr.TimeRange(boundary(seconds=0.0), boundary(seconds=first_seconds(content.shown)))
     return rrb.TimeSeriesView(
@@ -371,8 +359,6 @@ def _plot(content: Content, name: str, contents: Sequence[str]) -> Any:
 
 def _curves(content: Content) -> Any:
     """States against the safe set, inputs, the value function."""
-    import rerun.blueprint as rrb
-
     models = [m for t in content.shown.values() if (m := twin(content.traces, t)) is not None]
     views = []
     for name in content.states:
@@ -389,8 +375,6 @@ def _curves(content: Content) -> Any:
 
 def _gaps(content: Content) -> Any:
     """Gap against bound for each controller, a tab each, and where in its bound the gap lies."""
-    import rerun.blueprint as rrb
-
     tabs = []
     for controller, trace in content.shown.items():
         views = []

@@ -12,6 +12,8 @@ from simgap.diagnosis.result import WindowPrediction
 from simgap.io import figure_style as style
 from simgap.io.pages import text
 from simgap.io.rerun.recording import plot, recording_file
+from simgap.late import rerun as rr
+from simgap.late import rerun_blueprint as rrb
 from simgap.notation import axis_label, printable
 
 _LINES = (("measured", style.MEASURED_IN_A_VIEWER, 1.5), ("before", style.BEFORE, 3.0), ("after", style.AFTER, 3.0))
@@ -32,8 +34,6 @@ def write_recording(
     `/<trace>/input/<input>`, each a scalar over `sim_time`; the traces' own stamps are kept. `/<trace>/never_fitted` is
     1 in the windows that were held out for the verdict and 0 elsewhere; `/about` says it all in words.
     """
-    import rerun as rr
-
     traces = list(dict.fromkeys(w.trace for w in windows))
     look = _blueprint(traces, measured, inputs, units)
     with recording_file(path, "simgap_diagnosis", _identifier(title), look) as recording:
@@ -73,7 +73,6 @@ def _log_trace(
 
 def _blueprint(traces: Sequence[str], measured: Sequence[str], inputs: Sequence[str], units: Mapping[str, str]) -> Any:
     """One tab a trace: every state above its residual, the inputs and the windows that were never fitted below."""
-    import rerun.blueprint as rrb
 
     def view(name: str, origin: str) -> Any:
         return rrb.TimeSeriesView(name=name, origin=origin, plot_legend=rrb.PlotLegend(visible=False))

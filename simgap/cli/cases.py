@@ -1,10 +1,12 @@
-"""Commands about a robot and its case: from a model file to a checked case, what may be exported of its results."""
+"""Commands about a case: from a model file to a checked one, its recordings, what may be exported of its results."""
 
 from __future__ import annotations
 
 import logging
 import time
+from contextlib import suppress
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -26,6 +28,7 @@ from simgap.cli.terminal import (
 )
 from simgap.cli.workflow import PACKAGE, workflow_file
 from simgap.errors import UserError, excerpt
+from simgap.io.atomic import no_links_below, write_bytes
 
 if TYPE_CHECKING:
     from simgap.stages.check import Checked
@@ -38,15 +41,12 @@ TUTORIAL = ("rod.yaml", "rod.urdf", "machine.urdf", "swings.csv")
 
 def tutorial(out: Annotated[Path, typer.Option(help="Folder for the files.", callback=new_folder)] = Path()) -> None:
     """Copy the files of the tutorial here: a case, two URDFs of a rod, and a recording."""
-    from simgap.io.atomic import atomic
-
     source = workflow_file("tutorial") if (PACKAGE / "workflow").is_dir() else PACKAGE.parent / "docs/tutorial"
     for name in TUTORIAL:
         if (out / name).exists():
             raise UserError("already exists and is left unchanged", file=out / name, remedy="Use an empty folder.")
     for name in TUTORIAL:
-        with atomic(out / name) as temporary:
-            temporary.write_bytes(reading.read_bytes(source / name))
+        write_bytes(out / name, reading.read_bytes(source / name))
     say(f"Wrote {', '.join(TUTORIAL)}. Next: simgap check rod.yaml, then simgap run rod.yaml")
 
 
@@ -69,10 +69,8 @@ def new(
     from simgap.extras.wizard.model_file import BASES
 
     if [urdf is not None, mjcf is not None, equations].count(True) != 1:
-        raise UserError(
-            "either a URDF, or MJCF, or equations", key="--urdf",
-            remedy="Give --urdf FILE, --mjcf FILE, or --equations.",
-        )  # fmt: skip
+        remedy = "Give --urdf FILE, --mjcf FILE, or --equations."
+        raise UserError("either a URDF, or MJCF, or equations", key="--urdf", remedy=remedy)
     of_files = {"--inputs": inputs, "--at": at, "--joints": joints, "--base": base}
     if equations and any(of_files.values()):
         key = next(key for key, given in of_files.items() if given)
@@ -116,6 +114,7 @@ def _show_checked(checked: Checked, case: Path) -> None:
     from simgap.stages.check import conclusion
 
     out = console()
+    line = partial(out.print, soft_wrap=True, highlight=False)
     if checked.costs:
         table = Table("stage", "what", "CPU time, about", "memory, about", box=None)
         for cost in checked.costs:
@@ -123,18 +122,15 @@ def _show_checked(checked: Checked, case: Path) -> None:
         out.print(table)
     for what, cells in checked.cells.items():
         out.print(f"cells of the {what}: {', '.join(f'{name} {count}' for name, count in cells.items())}")
-    for line in checked.recordings:
-        out.print(f"recording {line}", soft_wrap=True, highlight=False)
+    for recording in checked.recordings:
+        line(f"recording {recording}")
     for finding in checked.findings:
-        out.print(f"{finding.key}: {finding.problem}. {finding.remedy}", soft_wrap=True, highlight=False)
+        line(f"{finding.key}: {finding.problem}. {finding.remedy}")
     if checked.compared and not checked.findings:
         out.print("The engine takes the model file as it is: nothing is dropped or changed.")
     if not checked.costs:
-        out.print(
-            "Only a diagnosis can be computed: a bound takes `domain:` and `simulator:`, a controller `synthesis:`.",
-            soft_wrap=True, highlight=False,
-        )  # fmt: skip
-    out.print(conclusion(checked, case), soft_wrap=True, highlight=False)
+        line("Only a diagnosis can be computed: a bound takes `domain:` and `simulator:`, a controller `synthesis:`.")
+    line(conclusion(checked, case))
 
 
 def propose(
@@ -166,6 +162,70 @@ def refine(
     say(found.block())
     for name, then in found.then.items():
         say(f"# {name}: within a cell the bound loses {then:.2g} on average, now {found.now[name]:.2g}")
+
+
+def diagnose(
+    case: CasePath,
+    data: Annotated[list[Path] | None, typer.Argument(help="Recordings; those of the case if none is given.")] = None,
+    out: Annotated[Path, typer.Option(help="Folder for the results.", callback=new_folder)] = Path("diagnosis"),
+    as_json: AsJson = False,
+    log: Log = None,
+) -> None:
+    """Find the physical effects that the nominal model lacks, from recordings."""
+    from simgap.stages import diagnosis as stage
+
+    if out != Path():  # before the search, and not when its results are written; beside the case there may be links
+        no_links_below(out)
+    journal = log or out / "diagnosis.log"
+    start_log(journal)
+    out.mkdir(parents=True, exist_ok=True)  # paths of the corrected case begin there
+    try:
+        with progress("starting") as tell:
+            result = stage.run(case, data or [], out, tell)
+    except (UserError, OSError, MemoryError):  # nothing half-written is left, the log of a default place included
+        if log is None:
+            journal.unlink(missing_ok=True)
+        with suppress(OSError):
+            out.rmdir()
+        raise
+    if as_json:
+        say_json(result)
+        return
+    first, *rest = result.get("sentences", [result["sentence"]])
+    for line in (f"{result['verdict']}: {first}", *rest, *result["columns"], f"Report: {out / 'report.html'}"):
+        say(line)
+
+
+def next_experiment(
+    case: CasePath,
+    found: Annotated[Path, typer.Argument(help="Folder of a diagnosis of it.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="Folder for the results.", callback=new_folder)] = Path("next"),
+    seconds: Annotated[float | None, typer.Option(min=0.0, help="How long the recording is, s.")] = None,
+    start: Annotated[str, typer.Option(help="State at its first sample, such as q=0.5,v=0.")] = "",
+    log: Log = None,
+) -> None:
+    """Propose a recording that separates the explanations a diagnosis left open."""
+    from simgap.extras import next as stage
+
+    start_log(log or out / "next.log")
+    with progress("starting") as tell:
+        result = stage.run(case, found, out, seconds, values_of(start, "--start"), tell)
+    for line in (result["paragraph"], f"Picture: {out / 'next.png'}" if result["input"] else ""):
+        say(line)
+
+
+def effects(
+    case: Annotated[Path | None, typer.Argument(help="Case file; lists what it can act on.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """List the effects with formula, parameters and units; with a case, what each can act on."""
+    from simgap.stages.effects import listed, printed
+
+    start_log(None)
+    if as_json:
+        say_json(listed(case))
+    else:
+        say(printed(listed(case)))
 
 
 def certify(
