@@ -27,12 +27,11 @@ from simgap.errors import UserError, placed
 from simgap.geometry import Box
 from simgap.late import sympy as sp
 from simgap.model.expressions import parse
-from simgap.model.integrators import sampling_rule
-from simgap.model.sampled import NominalModel
+from simgap.model.sampled import NominalModel, sampled_model
 from simgap.model.symbolic import Coordinate, NamedParameter, Parameter, PlanarWheels, SymbolicModel, Variable, symbol
 from simgap.model.tree import Tree
 from simgap.plants.drake_check import check_declared, check_map, symbolic_plant
-from simgap.plants.urdf import JointState, load_tree, load_urdf
+from simgap.plants.urdf import load_tree, load_urdf
 from simgap.plants.urdf_checks import check_joint_units, check_urdf
 from simgap.units import check_unit, dimension, force_along, require_unit
 
@@ -189,12 +188,10 @@ def declared_model(section: PlantSection, folder: Path) -> SymbolicModel:
 
 
 def _from_urdf(section: PlantSection, path: Path) -> SymbolicModel:
-    own = {n: s for n, s in section.states.items() if s.lag_of is None}
-    states = {n: JointState(s.joint or "", s.quantity or "", s.unit) for n, s in own.items()}
-    inputs = {n: (i.joint or "", i.unit) for n, i in section.inputs.items()}
     check_urdf(path)
     check_joint_units(section, path)
-    return load_urdf(path, states, inputs, section.gravity)
+    own = {n: s for n, s in section.states.items() if s.lag_of is None}
+    return load_urdf(path, own, section.inputs, section.gravity)
 
 
 def _from_equations(section: PlantSection, written: SymbolicPlant) -> SymbolicModel:
@@ -413,8 +410,7 @@ class PlantModel:
                 "controller needs", key="plant.urdf",
                 remedy="Take at most two joints, fixing the others; `simgap diagnose` takes them all.",
             )  # fmt: skip
-        x, u = (tuple(v.symbol for v in group) for group in (self.carried.states, self.carried.inputs))
-        return NominalModel(x, u, sampling_rule(self.carried, self.tau, self.section.integrator), self.tau)
+        return sampled_model(self.carried, self.tau, self.section.integrator)
 
     def drake_system(self) -> Any:
         """`corrected` as a Drake system that can be wired into a diagram, whatever the case declares it by.

@@ -14,7 +14,7 @@ from simgap.config.plant import AddedEffect, Integrator, SymbolicPlant
 from simgap.config.simulator import EngineSection
 from simgap.errors import UserError
 from simgap.late import sympy as sp
-from simgap.simulators.base import Engine
+from simgap.simulators.base import Engine, domain_of
 
 if TYPE_CHECKING:
     from simgap.config.case import Case
@@ -159,8 +159,6 @@ def _substep(case: Case, folder: Path, effects: Sequence[AddedEffect] | None = N
     from simgap.plants.plant_model import PlantModel
 
     section = _section(case)
-    if case.domain is None:
-        raise UserError("the simulator needs a sampling time", key="domain.tau", remedy="Add `domain:`.")
     added = section.effects if effects is None else tuple(effects)
     changes: dict[str, object] = {"integrator": section.integrator, "effects": added}
     if section.equations is not None:
@@ -176,7 +174,7 @@ def _substep(case: Case, folder: Path, effects: Sequence[AddedEffect] | None = N
     if section.parameters:
         changes["symbolic"] = _other_values(changes.get("symbolic", case.plant.symbolic), section.parameters)
     plant = case.plant.model_copy(update=changes)
-    return PlantModel(plant, folder, case.domain.tau / section.substeps).sampled
+    return PlantModel(plant, folder, domain_of(case).tau / section.substeps).sampled
 
 
 def _other_values(equations: object, values: dict[str, float]) -> SymbolicPlant:

@@ -16,7 +16,7 @@ from simgap.config.case import Case
 from simgap.effects import effect, joint_effect
 from simgap.errors import Finding
 from simgap.plants.model_file import FileJoint, Link, ModelFile
-from simgap.simulators.base import FileTraits
+from simgap.simulators.base import FileTraits, added_effects, domain_of
 
 SAME = 1e-3
 """Relative difference up to which two numbers are the same: files round to that."""
@@ -92,9 +92,8 @@ def _damping(case: Case, traits: FileTraits, file: ModelFile) -> Iterator[Findin
 
 def _viscous(case: Case, joint: str) -> float:
     """Damping of a joint by declared effects, beside the one number of the engine."""
-    effects = case.simulator.effects if case.simulator is not None else ()
     viscous = joint_effect("damping")
-    own = [e.parameters for e in effects if e.on == joint and e.name == viscous.name]
+    own = [e.parameters for e in added_effects(case) if e.on == joint and e.name == viscous.name]
     return sum(values.get(viscous.parameters[0].symbol, 0.0) for values in own)
 
 
@@ -134,17 +133,15 @@ def _joint(case: Case, traits: FileTraits, name: str, joint: FileJoint) -> Itera
 
 def _declared(case: Case, joint: str) -> bool:
     """True if an effect of the simulator is some dry friction of a joint."""
-    effects = case.simulator.effects if case.simulator is not None else ()
-    return any(e.on == joint and effect(e.name).dry for e in effects)
+    return any(e.on == joint and effect(e.name).dry for e in added_effects(case))
 
 
 def ranges(case: Case, traits: FileTraits, name: str, joint: FileJoint) -> Iterator[Finding]:
     """Findings where X asks of a joint more than the file lets it do."""
-    assert case.domain is not None
     for state, section in case.plant.states.items():
         if section.joint != name:
             continue
-        lo, hi = case.domain.X[state]
+        lo, hi = domain_of(case).X[state]
         key, fastest = f"domain.X.{state}", max(abs(lo), abs(hi))
         if section.quantity == "position" and joint.range is not None and traits.stops:
             least, most = joint.range
@@ -180,26 +177,23 @@ def ranges(case: Case, traits: FileTraits, name: str, joint: FileJoint) -> Itera
 
 def to_stop(case: Case, state: str, end: float) -> bool:
     """True if one step at the largest speed of X leads from X to a stop of the joint whose position `state` is."""
-    assert case.domain is not None
-    lo, hi = case.domain.X[state]
+    lo, hi = domain_of(case).X[state]
     travel = _travel(case, state)
     return lo - travel < end < hi + travel
 
 
 def _travel(case: Case, state: str) -> float:
     """Way of the joint of a position in one step at the largest speed of X."""
-    assert case.domain is not None
     joint = case.plant.states[state].joint
     speeds = [n for n, s in case.plant.states.items() if s.joint == joint and s.quantity == "velocity"]
-    return case.domain.tau * max((abs(v) for n in speeds for v in case.domain.X[n]), default=0.0)
+    return domain_of(case).tau * max((abs(v) for n in speeds for v in domain_of(case).X[n]), default=0.0)
 
 
 def efforts(case: Case, name: str, joint: FileJoint) -> Iterator[Finding]:
     """Findings where U asks of a joint more than the file says that it takes."""
-    assert case.domain is not None
     for drive, section in case.plant.inputs.items():
         if section.joint == name and joint.effort is not None:
-            most = float(np.abs(case.domain.U[drive].list()).max())
+            most = float(np.abs(domain_of(case).U[drive].list()).max())
             if most > joint.effort:
                 yield Finding(
                     f"domain.U.{drive}",

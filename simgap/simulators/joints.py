@@ -124,6 +124,7 @@ class JointEngine(Engine):
         """Load the plant with the settings of the case; a subclass does so after this."""
         self.nx, self.nu = plant.nx, plant.nu
         self._plant, self._substeps = plant, section.substeps
+        self._places = [*plant.positions, *plant.velocities]
         self._forces = joint_forces(plant, section.effects)
 
     @abstractmethod
@@ -136,14 +137,16 @@ class JointEngine(Engine):
 
     def advance(self, u: Floats) -> Floats:
         """Hold u (nu,) for tau, effects evaluated at every engine step: -> (nx,)."""
-        torques: Sequence[float] = [sum(u[i] for i in drive) for drive in self._plant.inputs]
+        commands = u.tolist()
+        torques: Sequence[float] = [sum(commands[i] for i in drive) for drive in self._plant.inputs]
         for _ in range(self._substeps):
             if self._forces is not None:
                 q, v = self._read()
-                torques = self._forces(*q, *v, *u)
+                torques = self._forces(*q, *v, *commands)
             self._step(torques)
+        q, v = self._read()
         x = np.empty(self.nx)
-        x[list(self._plant.positions)], x[list(self._plant.velocities)] = self._read()
+        x[self._places] = *q, *v
         return x
 
     @classmethod

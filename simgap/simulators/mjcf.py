@@ -8,7 +8,6 @@ these warnings are asked after each sampling time.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,7 +18,8 @@ from simgap import reading
 from simgap.config.model_files import named_by
 from simgap.errors import UserError, excerpt, optional
 from simgap.plants.model_file import Link
-from simgap.plants.urdf_checks import TRUST, check_units, loading
+from simgap.plants.urdf_checks import TRUST, check_units, inside, loading
+from simgap.simulators.base import domain_of
 
 if TYPE_CHECKING:
     from simgap.config.case import Case
@@ -109,9 +109,8 @@ def read_mjcf(path: Path) -> Any:
     mujoco = require_mujoco()
     _check_root(path)
     named = dict(named_by(path))
-    inside = Path(os.path.abspath(path)).parent.parent
     for name, place in named.items():
-        if not reading.real(place).is_relative_to(reading.real(inside)) and os.environ.get(TRUST) != "1":
+        if not inside(path, place):
             raise UserError(
                 f"'{excerpt(name, 60)}' lies outside the model's folders", file=path,
                 remedy=f"Put it beside the model, or trust it: set {TRUST}=1.",
@@ -202,9 +201,9 @@ def _check_states(case: Case, path: Path, joint: str) -> None:
 
 def _check_roles(case: Case) -> None:
     """Refuse what equations leave open: which quantity of the file a state is, which joint an input pushes."""
-    own = {f"states.{name}": s for name, s in case.plant.states.items() if s.lag_of is None and s.quantity is None}
-    own |= {f"states.{name}": s for name, s in case.plant.states.items() if s.lag_of is None and s.joint is None}
-    for key in (*own, *(f"inputs.{name}" for name, drive in case.plant.inputs.items() if drive.joint is None)):
+    states = {n: s for n, s in case.plant.states.items() if s.lag_of is None and None in (s.quantity, s.joint)}
+    inputs = [n for n, drive in case.plant.inputs.items() if drive.joint is None]
+    for key in (*(f"states.{name}" for name in states), *(f"inputs.{name}" for name in inputs)):
         raise UserError(
             "the file does not know it: it has no joint, or no quantity of one", key=f"plant.{key}",
             remedy="Write {joint: NAME, quantity: position or velocity}, for an input {joint: NAME}.",
@@ -213,8 +212,7 @@ def _check_roles(case: Case) -> None:
 
 def samples(case: Case) -> list[dict[str, float]]:
     """States of X at which the model is asked: for each the value of every state, the middle first."""
-    assert case.domain is not None
-    ends = case.domain.X
+    ends = domain_of(case).X
     rng = np.random.default_rng(0)
     middle = {name: 0.5 * (lo + hi) for name, (lo, hi) in ends.items()}
     return [middle, *({name: rng.uniform(lo, hi) for name, (lo, hi) in ends.items()} for _ in range(TRIED - 1))]

@@ -57,7 +57,6 @@ class PyBulletJoints(JointEngine):
         self._p: Any = p
         self._client = p.connect(p.DIRECT)
         self._body, self._joints = self._load(section)
-        self._position, self._velocity = plant.positions, plant.velocities
         # A torque that nobody sets is 0 after each step anyway.
         self._driven = [k for k, drive in enumerate(plant.inputs) if drive or self._forces is not None]
         self._single = len(self._joints) == 1 and self._forces is None and plant.inputs == ((0,),)
@@ -69,19 +68,14 @@ class PyBulletJoints(JointEngine):
         flags = p.URDF_USE_INERTIA_FROM_FILE if section.inertia == "file" else 0
         with loading("PyBullet", plant.file):
             body = p.loadURDF(str(plant.file), useFixedBase=True, flags=flags, physicsClientId=client)
-        index: dict[str, int] = {}
-        for j in range(-1, p.getNumJoints(body, physicsClientId=client)):
-            d = section.damping
+        index, d = _numbers(p, client, body, JOINT), section.damping
+        for j in (-1, *index.values()):
             p.changeDynamics(
                 body, j, linearDamping=d.linear, angularDamping=d.angular, jointDamping=d.joint, physicsClientId=client
             )
-            if j >= 0:
-                index[p.getJointInfo(body, j, physicsClientId=client)[1].decode()] = j
-                p.setJointMotorControl2(body, j, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
+        for j in index.values():
+            p.setJointMotorControl2(body, j, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
         without_mass(p, client, body, plant.file)
-        missing = [name for name in plant.joints if name not in index]
-        if missing:
-            raise UserError(f"no joint called {missing}", file=plant.file, remedy=f"It has {sorted(index)}.")
         return body, tuple(index[name] for name in plant.joints)
 
     def loaded(self) -> Mapping[str, Link]:
@@ -90,55 +84,36 @@ class PyBulletJoints(JointEngine):
 
     def reset(self, x: Floats) -> None:
         """Set every joint's position and velocity: x (nx,)."""
-        for j, a, b in zip(self._joints, self._position, self._velocity, strict=True):
-            self._p.resetJointState(self._body, j, x[a], x[b], physicsClientId=self._client)
-
-    def advance(self, u: Floats) -> Floats:
-        """See `JointEngine.advance`; one joint under one input without effects takes the same calls with no loop."""
-        if not self._single:
-            return super().advance(u)
-        p, body, (j,), client, torque = self._p, self._body, self._joints, self._client, float(u[0])
-        for _ in range(self._substeps):
-            p.setJointMotorControl2(body, j, p.TORQUE_CONTROL, force=torque, physicsClientId=client)
-            p.stepSimulation(client)
-        q, v = p.getJointState(body, j, client)[:2]
-        return np.array((q, v) if self._position == (0,) else (v, q))
+        place, body, client, values = self._p.resetJointState, self._body, self._client, x.tolist()
+        for j, a, b in zip(self._joints, self._plant.positions, self._plant.velocities, strict=True):
+            place(body, j, values[a], values[b], client)
 
     def _read(self) -> tuple[list[float], list[float]]:
-        states = [self._p.getJointState(self._body, j, physicsClientId=self._client) for j in self._joints]
+        read, body, client = self._p.getJointState, self._body, self._client
+        states = [read(body, j, client) for j in self._joints]
         return [s[0] for s in states], [s[1] for s in states]
 
     def _step(self, torques: Sequence[float]) -> None:
-        p, client = self._p, self._client
+        drive, body, client, mode = self._p.setJointMotorControl2, self._body, self._client, self._p.TORQUE_CONTROL
         for k in self._driven:
-            p.setJointMotorControl2(
-                self._body, self._joints[k], p.TORQUE_CONTROL, force=torques[k], physicsClientId=client
-            )
-        p.stepSimulation(client)
+            drive(body, self._joints[k], mode, force=torques[k], physicsClientId=client)
+        self._p.stepSimulation(client)
 
     def rollouts(self, x: Floats, u: Floats) -> Floats:
-        """One step from each state: (n, nx), (n, nu) -> (n, nx)."""
+        """One step from each state: (n, nx), (n, nu) -> (n, nx); of one joint without effects in half the time."""
         if not self._single:
             return super().rollouts(x, u)
         p, body, (j,), client = self._p, self._body, self._joints, self._client
-        (a,), (b,) = self._position, self._velocity
-        reset, drive, step, read, mode = (
-            p.resetJointState,
-            p.setJointMotorControl2,
-            p.stepSimulation,
-            p.getJointState,
-            p.TORQUE_CONTROL,
-        )
-        out = np.empty_like(x)
-        again = range(self._substeps)
-        rows = []
-        for q, v, torque in zip(x[:, a].tolist(), x[:, b].tolist(), u[:, 0].tolist(), strict=True):
-            reset(body, j, q, v, client)
+        place, drive, step, read = p.resetJointState, p.setJointMotorControl2, p.stepSimulation, p.getJointState
+        mode, again, rows = p.TORQUE_CONTROL, range(self._substeps), []
+        for (q, v), torque in zip(x[:, self._places].tolist(), u[:, 0].tolist(), strict=True):
+            place(body, j, q, v, client)
             for _ in again:
                 drive(body, j, mode, force=torque, physicsClientId=client)
                 step(client)
             rows.append(read(body, j, client)[:2])
-        out[:, [a, b]] = rows
+        out = np.empty_like(x)
+        out[:, self._places] = rows
         return out
 
     def close(self) -> None:
@@ -154,7 +129,7 @@ def without_mass(p: Any, client: int, body: int, urdf: Path) -> None:
     (`check_floating_root`).
     """
     bare = set(read_model_file(urdf).bare)
-    for name, j in _numbers(p, client, body).items():
+    for name, j in _numbers(p, client, body, LINK).items():
         if name in bare:
             p.changeDynamics(body, j, mass=0.0, localInertiaDiagonal=[0.0, 0.0, 0.0], physicsClientId=client)
 
@@ -162,16 +137,19 @@ def without_mass(p: Any, client: int, body: int, urdf: Path) -> None:
 def links_of(p: Any, client: int, body: int) -> Mapping[str, Link]:
     """Mass, principal moments and centre of mass of every link but the root, by name."""
     found = {}
-    for name, j in _numbers(p, client, body).items():
+    for name, j in _numbers(p, client, body, LINK).items():
         info = p.getDynamicsInfo(body, j, physicsClientId=client)
         found[name] = Link(float(info[0]), np.sort(info[2]), np.array(info[3]))
     return found
 
 
-def _numbers(p: Any, client: int, body: int) -> dict[str, int]:
-    """Link names and their numbers; a link has the number of the joint that it hangs on."""
+JOINT, LINK = 1, 12  # places of their names in what PyBullet tells of a joint
+
+
+def _numbers(p: Any, client: int, body: int, place: int) -> dict[str, int]:
+    """Names of joints or links and their numbers; a link has the number of the joint that it hangs on."""
     count = p.getNumJoints(body, physicsClientId=client)
-    return {p.getJointInfo(body, j, physicsClientId=client)[12].decode(): j for j in range(count)}
+    return {p.getJointInfo(body, j, physicsClientId=client)[place].decode(): j for j in range(count)}
 
 
 CONTACT_BREAKING = 0.2
@@ -230,14 +208,14 @@ class PyBulletWheeled(WheeledEngine):
         urdf, place = self._plant.urdf, [0, 0, s.wheel_radius]
         with loading("PyBullet", urdf):
             body = p.loadURDF(str(urdf), place, flags=p.URDF_USE_INERTIA_FROM_FILE)
-        index = {p.getJointInfo(body, j)[1].decode(): j for j in range(p.getNumJoints(body))}
-        for link in range(-1, p.getNumJoints(body)):
+        index = _numbers(p, p._client, body, JOINT)
+        for link in (-1, *index.values()):
             p.changeDynamics(
                 body, link, linearDamping=0, angularDamping=0, jointDamping=0, rollingFriction=0, spinningFriction=0,
                 restitution=0, activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING,
             )  # fmt: skip
         without_mass(p, p._client, body, self._plant.urdf)
-        grip = max(p.getDynamicsInfo(body, link)[1] for link in range(-1, p.getNumJoints(body)))
+        grip = max(p.getDynamicsInfo(body, link)[1] for link in (-1, *index.values()))
         if grip > 1.0:  # how far a path may stray between poses counts on the floor's friction alone
             raise UserError(
                 f"a link has the lateral friction {grip:g}; what the floor gives is multiplied by it",

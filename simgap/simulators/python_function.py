@@ -16,7 +16,7 @@ from simgap.config.function_file import KEY, FunctionFile
 from simgap.config.simulator import EngineSection
 from simgap.errors import UserError, excerpt
 from simgap.plugins import announce
-from simgap.simulators.base import Engine
+from simgap.simulators.base import Engine, domain_of
 from simgap.simulators.supervision import bounded, describe_call
 
 if TYPE_CHECKING:
@@ -85,10 +85,8 @@ class PythonEngine(Engine):
         section = case.simulator
         if not isinstance(section, PythonSettings):
             raise UserError("the simulator is not a Python function", key="simulator.engine")
-        if case.domain is None:
-            raise UserError("the simulator needs a sampling time", key="domain.tau", remedy="Add `domain:`.")
         kind = _OfMany if section.batch else cls
-        return kind(FunctionFile.find(section.function, folder), case, section, case.domain.tau / section.substeps)
+        return kind(FunctionFile.find(section.function, folder), case, section, domain_of(case).tau / section.substeps)
 
     def reset(self, x: Floats) -> None:
         """Put the plant at x (nx,)."""

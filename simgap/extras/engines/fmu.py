@@ -22,7 +22,7 @@ from simgap.arrays import Floats
 from simgap.config.simulator import EngineSection
 from simgap.errors import UserError, excerpt, optional
 from simgap.plugins import announce
-from simgap.simulators.base import Engine
+from simgap.simulators.base import Engine, domain_of
 from simgap.units import check_unit, require_unit
 
 if TYPE_CHECKING:
@@ -242,7 +242,6 @@ def _said(error: BaseException) -> str:
 
 STARTS = 1e-9
 """Largest relative deviation of a start from the state that was set: rounding; judgement."""
-KEY = "simulator.fmu"
 
 
 class FmuSettings(EngineSection):
@@ -297,14 +296,12 @@ class FmuEngine(Engine):
                 have or in other units.
         """
         section: Any = case.simulator
-        if case.domain is None:
-            raise UserError("the simulator needs a sampling time", key="domain.tau", remedy="Add `domain:`.")
         names = list(case.plant.states), list(case.plant.inputs)
         for key, known in (("variables", (*names[0], *names[1])), ("starts", names[0])):
             unknown = sorted(set(getattr(section, key)) - set(known))
             if unknown:
                 raise UserError(f"{unknown} are not of the plant", key=f"simulator.{key}", remedy=f"It has {[*known]}.")
-        engine = cls(Unit(folder / section.fmu), names, section, case.domain.tau)
+        engine = cls(Unit(folder / section.fmu), names, section, domain_of(case).tau)
         units = [s.unit for s in case.plant.states.values()], [i.unit for i in case.plant.inputs.values()]
         engine._check(units)
         return engine
