@@ -164,13 +164,13 @@ def header(what: Certified) -> dict[str, Any]:
             "periodic": [j in grid.periodic for j in range(grid.box.size)],
         },
         "input_set": [_hex(row) for row in what.input_set],
-        "domain": _ends(states, bound.domain.box),
+        "domain": _named(states, bound.domain.box),
         "nominal": dict(zip(states, map(prefix, model.f), strict=True)),
         "gap": _sides(bound) if isinstance(bound, LinearGap) else None,
         "simulator": dict(zip(states, map(prefix, known.simulator), strict=True)) if known else None,
         "guarantee": [tier.text for tier in bound.tiers],
         "not_covered": [_between(reached), *not_covered],
-    } | ({"safe": _ends(states, task)} if isinstance(task, Box) else _reached(states, task, what))
+    } | ({"safe": _named(states, task)} if isinstance(task, Box) else _reached(states, task, what))
 
 
 def _between(reached: Reached | None) -> str:
@@ -226,10 +226,6 @@ def _form(form: Form) -> Any:
 
 def _hex(values: Floats) -> list[str]:
     return [float(v).hex() for v in values]
-
-
-def _ends(states: Sequence[str], box: Box) -> dict[str, list[str]]:
-    return {s: _hex(np.array([lo, hi])) for s, lo, hi in zip(states, box.lo, box.hi, strict=True)}
 
 
 def _write_table(path: Path, table: NDArray[Any]) -> str:

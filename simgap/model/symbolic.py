@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from typing import Any
@@ -89,6 +89,11 @@ class PlanarWheels:
     track: float
 
 
+def _require(kind: str, name: str, known: Collection[str]) -> None:
+    if name not in known:
+        raise UserError(f"the plant has no {kind} '{name}'", remedy=f"Known: {list(known)}")
+
+
 @dataclass(frozen=True)
 class SymbolicModel:
     """Continuous dynamics `xdot = F(x, u; p)`, with the hooks that effects act on.
@@ -162,10 +167,9 @@ class SymbolicModel:
         Raises:
             UserError: if the plant has no such coordinate.
         """
-        for c in self.coordinates:
-            if c.name == name:
-                return c
-        raise UserError(f"the plant has no coordinate '{name}'", remedy=f"Known: {[c.name for c in self.coordinates]}")
+        named = {c.name: c for c in self.coordinates}
+        _require("coordinate", name, named)
+        return named[name]
 
     def values(self) -> dict[sp.Symbol, float]:
         """Declared numbers of all parameters, for substitution."""
@@ -199,8 +203,7 @@ class SymbolicModel:
 
     def with_input(self, name: str, applied: sp.Expr) -> SymbolicModel:
         """The model in which the plant feels `applied` (an expression of the command `name`) instead of the command."""
-        if name not in self.input_names:
-            raise UserError(f"the plant has no input '{name}'", remedy=f"Known: {list(self.input_names)}")
+        _require("input", name, self.input_names)
         return self._subs({symbol(name): applied})
 
     def substitute(self, changes: Mapping[str, sp.Expr]) -> SymbolicModel:
@@ -209,8 +212,7 @@ class SymbolicModel:
 
     def with_output(self, state: str, reading: sp.Expr) -> SymbolicModel:
         """The model in which the sensor of `state` reads an expression of the states."""
-        if state not in self.state_names:
-            raise UserError(f"the plant has no state '{state}'", remedy=f"Known: {list(self.state_names)}")
+        _require("state", state, self.state_names)
         return replace(self, outputs={**self.outputs, state: reading})
 
     def with_state(self, state: Variable, xdot: sp.Expr) -> SymbolicModel:
@@ -220,8 +222,7 @@ class SymbolicModel:
 
     def with_delay(self, name: str, seconds: sp.Expr) -> SymbolicModel:
         """The model whose input acts `seconds` after its command."""
-        if name not in self.input_names:
-            raise UserError(f"the plant has no input '{name}'", remedy=f"Known: {list(self.input_names)}")
+        _require("input", name, self.input_names)
         return replace(self, delays={**self.delays, name: self.delays.get(name, sp.Integer(0)) + seconds})
 
     def _subs(self, changes: Mapping[sp.Symbol, sp.Expr]) -> SymbolicModel:

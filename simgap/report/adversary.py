@@ -45,21 +45,18 @@ def section(m: Material) -> dict[str, Any] | None:
     loops, gap = m.audit["closed_loop"], m.audit["gap"]
     fresh, random = m.gap.get("fresh", {}), m.validation["controllers"][GAP_AWARE][SIMULATOR]
     rows = [
-        _row("gamma, single steps", "random", None, fresh.get("samples", 0), fresh.get("violations", 0)),
-        _row("gamma, single steps", "adversary", None, m.audit["evaluations"], gap["violations"]),
-        _row("closed loop in the simulator", "random starts, the controller's own choice", random["runs"],
-             random["steps"], random["runs_that_violated_it"]),
+        ("gamma, single steps", "random", None, fresh.get("samples", 0), fresh.get("violations", 0)),
+        ("gamma, single steps", "adversary", None, m.audit["evaluations"], gap["violations"]),
+        ("closed loop in the simulator", "random starts, the controller's own choice", random["runs"],
+         random["steps"], random["runs_that_violated_it"]),
     ]  # fmt: skip
     named = (("simulator", "closed loop in the simulator"), ("disturbance", "closed loop against the worst of gamma"))
-    rows += [_row(what, "adversary", loops[k]["runs"], loops[k]["steps"], loops[k]["violations"]) for k, what in named]
+    rows += [(what, "adversary", *(loops[k][n] for n in ("runs", "steps", "violations"))) for k, what in named]
     by = [(f"gamma: {name}", count) for name, count in gap["evaluations_by_search"].items()]
     for k, what in named:
         by += [(f"{what}: {name}", count) for name, count in loops[k]["steps_by_rule"].items()]
-    return {"rows": rows, "by": by, "place": _place(m)}
-
-
-def _row(what: str, how: str, runs: int | None, steps: int, violations: int) -> dict[str, Any]:
-    return {"what": what, "how": how, "runs": runs, "steps": steps, "violations": violations}
+    columns = ("what", "how", "runs", "steps", "violations")
+    return {"rows": [dict(zip(columns, row, strict=True)) for row in rows], "by": by, "place": _place(m)}
 
 
 def _place(m: Material) -> str:

@@ -16,7 +16,7 @@ from simgap.effects import effect
 from simgap.effects.base import Quoted
 from simgap.model.tree import Tree
 from simgap.notation import joined
-from simgap.report.diagnosis_document import effect_entry, explained_error
+from simgap.report.diagnosis_document import shared
 
 Document = Mapping[str, Any]
 
@@ -84,45 +84,23 @@ def document(
     provenance: Mapping[str, Any],
 ) -> dict[str, Any]:  # fmt: skip
     """Everything that is reported, as JSON takes it. The errors are of torques: `fit_rmse` by input, no horizon."""
+    sides = {"before": found.before, "after": found.after, "noise_floor": found.floor}
+    error = {side: {"fit_rmse": rms, "horizon_s": 0.0, "horizon_rmse": {}} for side, rms in sides.items()}
+    folds = {name: {"traces": traces, "windows": []} for name, traces in found.folds.items()}
     content: dict[str, Any] = to_jsonable_python({
-        "verdict": found.verdict,
-        "sentence": "",
+        **shared(found, reading, look, error | {"by_trace": found.by_trace}, folds),
         "method": "inverse dynamics",
-        "effects": [effect_entry(e) for e in found.effects],
         "base_parameters": found.base,
         "consistent": None if found.distance is None else {"distance": found.distance},
         "payloads": found.payloads,
-        "recording": found.recording,
-        "error": {
-            "before": _error(found.before),
-            "after": _error(found.after),
-            "noise_floor": _error(found.floor),
-            "by_trace": found.by_trace,
-        },
-        "explained_share": 1.0 - found.excess_share,
-        "explained_error": explained_error(found.explained_error),
-        "held_out": _fold(found.folds["confirm"]),
-        "folds": {name: _fold(traces) for name, traces in found.folds.items()},
-        "data": reading.files,
         "candidates": found.sought,
-        "columns": reading.columns,
-        "warnings": [*reading.warnings, *look.warnings, *found.warnings],
         "low_pass_hz": found.cut_hz,
         "independent_rows": found.independent,
         "joints": [
             {"joint": j, "input": u, "link": link} for j, u, link in zip(tree.joints, inputs, tree.links, strict=True)
         ],
-        "survey": look,
         "units": units,
         "provenance": provenance,
     }, fallback=dict)  # fmt: skip
     content["sentence"] = sentence(content)
     return content
-
-
-def _error(rms: Mapping[str, float]) -> dict[str, Any]:
-    return {"fit_rmse": rms, "horizon_s": 0.0, "horizon_rmse": {}}
-
-
-def _fold(traces: Sequence[str]) -> dict[str, Any]:
-    return {"traces": traces, "windows": []}

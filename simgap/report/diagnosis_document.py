@@ -9,6 +9,7 @@ from typing import Any
 
 from pydantic_core import to_jsonable_python
 
+from simgap.diagnosis.arms.answer import ArmDiagnosis
 from simgap.diagnosis.record.survey import Survey
 from simgap.diagnosis.record.traces import Reading
 from simgap.diagnosis.result import (
@@ -17,7 +18,6 @@ from simgap.diagnosis.result import (
     Concentrated,
     Diagnosis,
     FoundEffect,
-    Judged,
     LeftOver,
     Nearest,
     Stretches,
@@ -57,25 +57,21 @@ def document(
     provenance: Mapping[str, Any],
 ) -> dict[str, Any]:
     """Everything that is reported, as JSON takes it."""
+    sides = {"before": found.before, "after": found.after, "noise_floor": found.floor}
+    error = {
+        side: {"fit_rmse": j.fit_rmse, "horizon_s": j.horizon_s, "horizon_rmse": j.horizon_rmse}
+        for side, j in sides.items()
+    }
+    folds = {name: _fold(getattr(found.folds, name), reading) for name in ("fit", "choose", "confirm")}
     content: dict[str, Any] = to_jsonable_python({
-        "verdict": found.verdict,
-        "sentence": "",
+        **shared(found, reading, look, error, folds),
         "sentences": [],
-        "effects": [effect_entry(e) for e in found.effects],
-        "recording": found.recording,
-        "error": {"before": _error(found.before), "after": _error(found.after), "noise_floor": _error(found.floor)},
-        "held_out": _fold(found.folds.confirm, reading),
-        "folds": {name: _fold(getattr(found.folds, name), reading) for name in ("fit", "choose", "confirm")},
         "number_from": NUMBER_FROM,
-        "data": reading.files,
         "candidates": [_candidate(c) for c in found.candidates],
         "steps": found.steps,
-        "columns": reading.columns,
-        "warnings": [*reading.warnings, *look.warnings, *(w for w in found.warnings if w not in look.warnings)],
         **_judgement(found),
         "noise": found.sigma,
         "remainder": _remainder(remainder, use) if remainder is not None else None,
-        "survey": look,
         "units": units,
         "provenance": provenance,
     }, fallback=dict)  # fmt: skip
@@ -84,15 +80,37 @@ def document(
     return content
 
 
-def _judgement(found: Diagnosis) -> dict[str, Any]:
-    """Judgement on how far the answer goes: shares, what is left, what cannot be told apart."""
+def shared(
+    found: Diagnosis | ArmDiagnosis, reading: Reading, look: Survey, error: Mapping[str, Any], folds: Mapping[str, Any]
+) -> dict[str, Any]:
+    """The keys of every diagnosis, of a plant and of an arm.
+
+    Args:
+        error: before, after and noise_floor; folds: by name, each with its traces and windows.
+    """
+    share = found.explained_error
     return {
+        "verdict": found.verdict,
+        "sentence": "",
+        "effects": [effect_entry(e) for e in found.effects],
+        "recording": found.recording,
+        "error": error,
+        "held_out": folds["confirm"],
+        "folds": folds,
+        "data": reading.files,
+        "columns": reading.columns,
+        "warnings": [*reading.warnings, *look.warnings, *(w for w in found.warnings if w not in look.warnings)],
         "explained_share": 1.0 - found.excess_share,
-        "explained_error": explained_error(found.explained_error),
-        "fit_quality": {
-            "chi2_dof": {"before": found.before.chi2_dof, "after": found.after.chi2_dof},
-            "held_out_ratio": {"before": found.before.held_out_ratio, "after": found.after.held_out_ratio},
-        },
+        "explained_error": None if share is None else {"share": share[0], "ci95": share[1:]},
+        "survey": look,
+    }
+
+
+def _judgement(found: Diagnosis) -> dict[str, Any]:
+    """Judgement on how far the answer goes: what is left, what cannot be told apart."""
+    sides = {"before": found.before, "after": found.after}
+    return {
+        "fit_quality": {key: {s: getattr(j, key) for s, j in sides.items()} for key in ("chi2_dof", "held_out_ratio")},
         "nearest": _nearest(found.nearest),
         "left_over": _left_over(found.left_over),
         "concentrated": _concentrated(found.concentrated),
@@ -107,11 +125,6 @@ def _judgement(found: Diagnosis) -> dict[str, Any]:
             for c in found.collinear
         ],
     }
-
-
-def explained_error(share: tuple[float, float, float] | None) -> dict[str, Any] | None:
-    """Off the noise floor: the share of the error's scale that goes, with its interval."""
-    return None if share is None else {"share": share[0], "ci95": share[1:]}
 
 
 def _nearest(n: Nearest | None) -> dict[str, Any] | None:
@@ -155,10 +168,6 @@ def _key(key: Sequence[str]) -> dict[str, str]:
 def effect_entry(e: FoundEffect) -> dict[str, Any]:
     """An effect with its numbers and what could stand in its place."""
     return asdict(e) | {"alternatives": [[_key(k) for k in alternative] for alternative in e.alternatives]}
-
-
-def _error(j: Judged) -> dict[str, Any]:
-    return {"fit_rmse": j.fit_rmse, "horizon_s": j.horizon_s, "horizon_rmse": j.horizon_rmse}
 
 
 def _fold(stretches: Stretches, reading: Reading) -> dict[str, Any]:

@@ -6,22 +6,19 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.config.case import Case
+from simgap.config.domain import DomainSection
 from simgap.config.plant import AddedEffect
 from simgap.config.simulator import EngineSection
-from simgap.errors import UserError
+from simgap.effects.base import Effect
+from simgap.errors import Finding, UserError
 from simgap.late import sympy as sp
 from simgap.plants.model_file import Link
-
-if TYPE_CHECKING:
-    from simgap.config.case import Case
-    from simgap.config.domain import DomainSection
-    from simgap.effects.base import Effect
-    from simgap.errors import Finding
 
 
 def domain_of(case: Case) -> DomainSection:

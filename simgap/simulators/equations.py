@@ -4,23 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 
 from simgap.arrays import Floats
+from simgap.config.case import Case
 from simgap.config.plant import AddedEffect, Integrator, SymbolicPlant
 from simgap.config.simulator import EngineSection
+from simgap.effects import effect
+from simgap.effects.base import Effect
+from simgap.effects.commands import MemoryInputEffect
 from simgap.errors import UserError
 from simgap.late import sympy as sp
-from simgap.simulators.base import Engine, domain_of
-
-if TYPE_CHECKING:
-    from simgap.config.case import Case
-    from simgap.effects.base import Effect
-    from simgap.model.sampled import NominalModel
-    from simgap.simulators.base import Simulator
+from simgap.model.sampled import MOST_OPERATIONS, NominalModel
+from simgap.plants.plant_model import PlantModel
+from simgap.simulators.base import Engine, Simulator, domain_of
+from simgap.simulators.commands import with_commands
 
 
 class EquationsSettings(EngineSection):
@@ -66,8 +67,6 @@ class EquationsEngine(Engine):
             UserError: equations that do not fit the plant's states and inputs, an integrator that does not fit them,
                 or a lagged state of the plant that does not lag in the simulator.
         """
-        from simgap.simulators.commands import with_commands
-
         if _carried(case):
             return cls(_substep(case, folder), _section(case).substeps)
         own = {n: s for n, s in case.plant.states.items() if s.lag_of is None}
@@ -92,8 +91,6 @@ class EquationsEngine(Engine):
         Raises:
             UserError: as `build`, and a map that is too large to be enclosed.
         """
-        from simgap.model.sampled import MOST_OPERATIONS
-
         if _section(case).slopes == "sampled" or not _carried(case):
             return None
         step = _substep(case, folder)
@@ -139,14 +136,10 @@ def _section(case: Case) -> EquationsSettings:
 
 def _carried(case: Case) -> bool:
     """True if states of the case hold all that the simulator remembers of earlier commands."""
-    from simgap.effects import effect
-    from simgap.effects.commands import MemoryInputEffect
-
-    kinds = [(effect(e.name), e) for e in _section(case).effects]
     return all(
         kind.memory_state(e.on) in case.plant.states and kind.seconds(e.parameters)[0] == 0.0
-        for kind, e in kinds
-        if isinstance(kind, MemoryInputEffect)
+        for e in _section(case).effects
+        if isinstance(kind := effect(e.name), MemoryInputEffect)
     )
 
 
@@ -156,8 +149,6 @@ def _substep(case: Case, folder: Path, effects: Sequence[AddedEffect] | None = N
     Args:
         effects: in place of all those that the simulator acts out.
     """
-    from simgap.plants.plant_model import PlantModel
-
     section = _section(case)
     added = section.effects if effects is None else tuple(effects)
     changes: dict[str, object] = {"integrator": section.integrator, "effects": added}
@@ -183,7 +174,7 @@ def _other_values(equations: object, values: dict[str, float]) -> SymbolicPlant:
     Raises:
         UserError: parameters that they do not have, or no equations.
     """
-    known = equations.parameters if isinstance(equations, SymbolicPlant) else {}
+    known = getattr(equations, "parameters", {})
     unknown = sorted(set(values) - set(known))
     if unknown or not isinstance(equations, SymbolicPlant):
         raise UserError(

@@ -54,7 +54,7 @@ def _links(case: Case, file: ModelFile, loaded: Mapping[str, Link]) -> Iterator[
         if differs(own.com, declared.com):
             yield Finding(
                 f"link '{name}'",
-                f"the engine has its centre of mass at {_list(own.com)} m, the file at {_list(declared.com)} m",
+                f"the engine has its centre of mass at {listed(own.com)} m, the file at {listed(declared.com)} m",
                 "Look at <inertial><origin>.",
             )
         if differs(own.moments, declared.moments):
@@ -63,7 +63,7 @@ def _links(case: Case, file: ModelFile, loaded: Mapping[str, Link]) -> Iterator[
             yield Finding(
                 "simulator.inertia" if by_key else f"link '{name}'",
                 f"the engine computes {which} with the principal moments "
-                f"{_list(own.moments)} kg m^2, the file says {_list(declared.moments)}",
+                f"{listed(own.moments)} kg m^2, the file says {listed(declared.moments)}",
                 "With `inertia: file` it takes the file's." if by_key else "Look at <inertia>.",
             )
 
@@ -209,5 +209,6 @@ def differs(a: Floats | float, b: Floats | float) -> bool:
     return bool(np.abs(np.asarray(a) - b).max() > SAME * size)
 
 
-def _list(values: Floats) -> str:
+def listed(values: Floats) -> str:
+    """Numbers in brackets."""
     return "(" + ", ".join(f"{v:.4g}" for v in values) + ")"

@@ -10,19 +10,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from simgap import reading
+from simgap.config.case import Case
 from simgap.config.model_files import named_by
 from simgap.errors import UserError, excerpt, optional
 from simgap.plants.model_file import Link
 from simgap.plants.urdf_checks import TRUST, check_units, inside, loading
 from simgap.simulators.base import domain_of
-
-if TYPE_CHECKING:
-    from simgap.config.case import Case
 
 
 class MuJoCoModel:
@@ -151,8 +149,8 @@ def check_mjcf(case: Case, folder: Path) -> Any:
     model, mujoco = read_mjcf(path), require_mujoco()
     kinds = {mujoco.mjtJoint.mjJNT_SLIDE.value: "prismatic", mujoco.mjtJoint.mjJNT_HINGE.value: "revolute"}
     found = {model.joint(k).name: kinds.get(int(model.jnt_type[k])) for k in range(model.njnt)}
-    for k in range(model.njnt):
-        _check_joint(path, model.joint(k).name, found[model.joint(k).name])
+    for name, kind in found.items():
+        _check_joint(path, name, kind)
     check_units(case.plant, {name: str(kind) for name, kind in found.items()}, path.name)
     for name in found:
         _check_states(case, path, name)

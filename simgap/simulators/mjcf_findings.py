@@ -9,21 +9,21 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.config.case import Case
 from simgap.effects import joint_effect
 from simgap.errors import Finding
 from simgap.late import sympy as sp
+from simgap.model.symbolic import symbol
 from simgap.plants.model_file import FileJoint, read_model_file
+from simgap.plants.urdf import multibody_plant
 from simgap.simulators import mjcf
-from simgap.simulators.base import FileTraits
-from simgap.simulators.findings import differs, efforts, ranges
-
-if TYPE_CHECKING:
-    from simgap.config.case import Case
+from simgap.simulators.base import FileTraits, domain_of
+from simgap.simulators.findings import differs, efforts, listed, ranges
 
 
 @dataclass(frozen=True)
@@ -66,8 +66,6 @@ def of_file(case: Case, model: Any) -> Mapping[str, Felt]:
 
 def of_nominal(case: Case, urdf: Path) -> Mapping[str, Felt]:
     """The same of the plant's URDF, by Drake."""
-    from simgap.plants.urdf import multibody_plant
-
     plant, names = multibody_plant(urdf, (0.0, 0.0, -case.plant.gravity))
     context = plant.CreateDefaultContext()
     joints = [plant.GetJointByName(name) for name in names]
@@ -121,8 +119,6 @@ def switches(case: Case, folder: Path) -> tuple[sp.Expr, ...]:
     Raises:
         UserError: what `mjcf.check_mjcf` refuses.
     """
-    from simgap.model.symbolic import symbol
-
     model, found = mjcf.check_mjcf(case, folder), []
     for name, state in case.plant.states.items():
         if state.joint is None:
@@ -178,18 +174,18 @@ def _idle(model: Any) -> Iterator[Finding]:
 
 
 def _options(case: Case, model: Any) -> Iterator[Finding]:
-    assert case.domain is not None
     assert case.simulator is not None
-    option, mujoco, step = model.opt, mjcf.require_mujoco(), case.domain.tau / case.simulator.substeps
+    tau, option, mujoco = domain_of(case).tau, model.opt, mjcf.require_mujoco()
+    step = tau / case.simulator.substeps
     if differs(option.timestep, step):
         yield Finding(
             "simulator.substeps", f"the file steps by {option.timestep:g} s, the engine by tau/substeps = {step:g} s",
-            f"substeps: {max(1, round(case.domain.tau / option.timestep))} is nearest to the file.",
+            f"substeps: {max(1, round(tau / option.timestep))} is nearest to the file.",
         )  # fmt: skip
     own, model_s = np.array(option.gravity), np.array([0.0, 0.0, -case.plant.gravity])
     if case.plant.urdf is not None and differs(own, model_s):
         yield Finding(
-            "simulator.mjcf", f"its gravity is ({_list(own)}) m/s^2, the nominal model's ({_list(model_s)})",
+            "simulator.mjcf", f"its gravity is {listed(own)} m/s^2, the nominal model's {listed(model_s)}",
             "Correct <option gravity>, or plant.gravity.",
         )  # fmt: skip
     if option.integrator != mujoco.mjtIntegrator.mjINT_EULER:
@@ -274,7 +270,3 @@ def _own_forces(case: Case, model: Any, name: str, damping: float) -> Iterator[F
     if np.any(model.dof_dampingpoly[k]) or np.any(model.jnt_stiffnesspoly[joint.id]):
         yield Finding(f"joint '{name}'", "the file gives it damping or a spring of higher order",
                       LEARN.format("quadratic_drag or cubic_spring"))  # fmt: skip
-
-
-def _list(values: Floats) -> str:
-    return ", ".join(f"{v:g}" for v in values)

@@ -9,15 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from simgap import reading
 from simgap.arrays import Floats
+from simgap.config.case import Case
 from simgap.config.simulator import Damping, EngineSection
-from simgap.errors import UserError, excerpt
+from simgap.errors import Finding, UserError, excerpt
 from simgap.late import sympy as sp
 from simgap.plants.model_file import Link
 from simgap.plants.urdf_checks import attributes, check_urdf, loading, number_of, root_link
@@ -27,10 +28,6 @@ from simgap.simulators.commands import CommandPath
 from simgap.simulators.joints import JointEngine, JointPlant
 from simgap.simulators.mjcf import MuJoCoModel, require_mujoco
 from simgap.simulators.wheeled import WheeledEngine, WheeledPlant, WheeledSettings
-
-if TYPE_CHECKING:
-    from simgap.config.case import Case
-    from simgap.errors import Finding
 
 
 class MuJoCoSettings(EngineSection):

@@ -4,23 +4,22 @@ from __future__ import annotations
 
 import importlib.util
 import sys
+import traceback
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
 from simgap.arrays import Floats
+from simgap.config.case import Case
 from simgap.config.function_file import KEY, FunctionFile
 from simgap.config.simulator import EngineSection
 from simgap.errors import UserError, excerpt
 from simgap.plugins import announce
 from simgap.simulators.base import Engine, domain_of
 from simgap.simulators.supervision import bounded, describe_call
-
-if TYPE_CHECKING:
-    from simgap.config.case import Case
 
 STARTING = 60.0
 """Longest time that the file may take to be imported, s."""
@@ -144,12 +143,8 @@ class _OfMany(PythonEngine):
 
 def _line(error: BaseException, path: str) -> str:
     """The line of the file where it failed."""
-    trace, found = error.__traceback__, ""
-    while trace is not None:
-        if trace.tb_frame.f_code.co_filename == path:
-            found = f" (line {trace.tb_lineno})"
-        trace = trace.tb_next
-    return found
+    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == path]
+    return f" (line {lines[-1]})" if lines else ""
 
 
 def _imported(file: FunctionFile) -> Callable[..., Any]:

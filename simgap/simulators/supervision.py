@@ -19,17 +19,14 @@ import struct
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.config.case import Case
 from simgap.errors import UserError
 from simgap.simulators.base import PathSimulator, Simulator
-
-if TYPE_CHECKING:
-    from simgap.config.case import Case
-
 
 T = TypeVar("T")
 CALLS, PAUSE, BLOCK = 16, 0.05, 64
@@ -102,8 +99,7 @@ class _Probe:
             where = describe_call(self._names, self._x[order[k]], self._u[order[k]])
             raise UserError(
                 f"the simulator gives two results for the same call, {where}: it keeps a state, draws random numbers "
-                "or "
-                "reads a clock", key="simulator", remedy=DECLARE,
+                "or reads a clock", key="simulator", remedy=DECLARE,
             )  # fmt: skip
 
     def _second_steps(self) -> None:

@@ -94,8 +94,5 @@ def _link(body: Any) -> Link:
     """Mass, principal moments about the centre of mass, and centre of mass of a body."""
     inertia = body.default_spatial_inertia()
     mass, com = float(inertia.get_mass()), np.array(inertia.get_com())
-    if mass == 0.0:
-        return Link(0.0, np.zeros(3), com)
-    about = inertia.CalcRotationalInertia().CopyToFullMatrix3()
-    about = about - mass * (com @ com * np.eye(3) - np.outer(com, com))
-    return Link(mass, np.linalg.eigvalsh(about), com)
+    about = inertia.CalcRotationalInertia().CopyToFullMatrix3() if mass else np.zeros((3, 3))
+    return Link(mass, np.linalg.eigvalsh(about - mass * (com @ com * np.eye(3) - np.outer(com, com))), com)

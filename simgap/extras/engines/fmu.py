@@ -12,22 +12,19 @@ import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field, ValidationInfo, model_validator
 
 from simgap import reading
 from simgap.arrays import Floats
+from simgap.config.case import Case
 from simgap.config.simulator import EngineSection
 from simgap.errors import UserError, excerpt, optional
 from simgap.plugins import announce
 from simgap.simulators.base import Engine, domain_of
 from simgap.units import check_unit, require_unit
-
-if TYPE_CHECKING:
-    from simgap.config.case import Case
-
 
 KEY = "simulator.fmu"
 PREFIX = "simgap-fmu-"
@@ -81,16 +78,14 @@ def _refuse_archive(path: Path, entries: Sequence[zipfile.ZipInfo]) -> None:
     out = [e.filename for e in entries if e.filename[:1] in "/\\" or ".." in re.split(r"[/\\]", e.filename)]
     size = sum(e.file_size for e in entries)
     described = sum(e.file_size for e in entries if e.filename == DESCRIPTION)
-    problem = (
-        f"'{excerpt(out[0], 60)}' in it leads out of the folder that it is unpacked to"
-        if out
-        else f"holds {len(entries)} parts of {size / 1e9:.3g} GB in all; the most are {MOST_PARTS} and "
-        f"{MOST_UNPACKED / 1e9:.3g} GB"
-        if len(entries) > MOST_PARTS or size > MOST_UNPACKED
-        else f"its {DESCRIPTION} has {described} bytes; the most are {reading.MOST_XML}"
-        if described > reading.MOST_XML
-        else None
-    )
+    problem = ""
+    if out:
+        problem = f"'{excerpt(out[0], 60)}' in it leads out of the folder that it is unpacked to"
+    elif len(entries) > MOST_PARTS or size > MOST_UNPACKED:
+        most = f"the most are {MOST_PARTS} and {MOST_UNPACKED / 1e9:.3g} GB"
+        problem = f"holds {len(entries)} parts of {size / 1e9:.3g} GB in all; {most}"
+    elif described > reading.MOST_XML:
+        problem = f"its {DESCRIPTION} has {described} bytes; the most are {reading.MOST_XML}"
     if problem:
         raise UserError(problem, file=path, key=KEY, remedy="Export it again.")
 
@@ -307,12 +302,14 @@ class FmuEngine(Engine):
         return engine
 
     def _check(self, units: tuple[list[str], list[str]]) -> None:
-        of_states = zip(self._names[0], self._states, units[0], strict=True)
-        of_inputs = zip(self._names[1], self._inputs, units[1], strict=True)
-        for name, variable, unit in (*of_states, *of_inputs):
-            self._unit.check(variable, f"simulator.variables.{name}", unit)
-        for name, variable, unit in zip(self._names[0], self._starts, units[0], strict=True):
-            self._unit.check(variable, f"simulator.starts.{name}", unit)
+        (states, inputs), (of_states, of_inputs) = self._names, units
+        for key, names, variables, own in (
+            ("variables", states, self._states, of_states),
+            ("variables", inputs, self._inputs, of_inputs),
+            ("starts", states, self._starts, of_states),
+        ):
+            for name, variable, unit in zip(names, variables, own, strict=True):
+                self._unit.check(variable, f"simulator.{key}.{name}", unit)
         for name in self._parameters:
             self._unit.check(name, f"simulator.parameters.{name}")
 

@@ -45,10 +45,8 @@ def arena_figure(
 
 
 def _frame(axis: Any, scene: PlanarScene) -> None:
-    margin = 0.03 * float(np.max(scene.arena.hi - scene.arena.lo))
-    axis.set_xlim(scene.arena.lo[0] - margin, scene.arena.hi[0] + margin)
-    axis.set_ylim(scene.arena.lo[1] - margin, scene.arena.hi[1] + margin)
-    axis.set_aspect("equal")
+    (x, y), margin = np.stack([scene.arena.lo, scene.arena.hi]).T, 0.03 * float(np.max(scene.arena.hi - scene.arena.lo))
+    axis.set(xlim=(x[0] - margin, x[1] + margin), ylim=(y[0] - margin, y[1] + margin), aspect="equal")
     axis.grid(visible=False)
 
 
@@ -87,22 +85,17 @@ def times_figure(steps: Mapping[str, Sequence[int]], tau: float, promised: int |
             gamma; None: nothing is drawn.
     """
     figure, ((axis,),) = style.panels(1, 1, 3.0)
-    own = {
-        kind: tau * np.asarray(steps[kind], dtype=float)
-        for kind in (NOMINAL, BASELINE, GAP_AWARE)
-        if len(steps.get(kind, ()))
-    }
+    kinds = [kind for kind in (NOMINAL, BASELINE, GAP_AWARE) if len(steps.get(kind, ()))]
+    own = {kind: tau * np.asarray(steps[kind], dtype=float) for kind in kinds}
     longest = max([float(t.max()) for t in own.values()] + ([tau * promised] if promised else []))
     bins = np.linspace(0.0, longest, 41).tolist()
     for kind, t in own.items():
         label = f"{EVERY_TITLE[kind]}: {len(t):,} runs, median {np.median(t):g} s, longest {t.max():g} s"
         axis.hist(t, bins, histtype="stepfilled", color=COLOURS[kind], alpha=0.35, label=label)
         axis.hist(t, bins, histtype="step", color=COLOURS[kind], lw=1.6)
-    axis.set_xlabel("time to the target (s)")
-    axis.set_ylabel("runs")
     if promised:
         label = f"promised by the gap-aware controller from any winning state: {tau * promised:g} s"
         axis.axvline(tau * promised, color=COLOURS[GAP_AWARE], ls=(0, (4, 2)), lw=1.8, label=label)
-    axis.set_xlim(0.0, 1.02 * longest if promised else longest)
+    axis.set(xlabel="time to the target (s)", ylabel="runs", xlim=(0.0, 1.02 * longest if promised else longest))
     style.legend(figure, 1)
     return figure

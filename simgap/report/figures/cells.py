@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from simgap.geometry import Grid
 from simgap.io import figure_style as style
 from simgap.notation import axis_label, pretty_unit
@@ -12,9 +14,8 @@ from simgap.notation import axis_label, pretty_unit
 
 def cell_map(axis: Any, grid: Grid, values: Any, aspect: str = "auto", **look: Any) -> Any:
     """The image of values of cells over the first two states, masked ones blank: (cells[0], cells[1])."""
-    lo, hi = grid.box.lo, grid.box.hi
     axis.grid(visible=False)
-    extent = (lo[0], hi[0], lo[1], hi[1])
+    extent = tuple(np.stack([grid.box.lo, grid.box.hi], axis=1)[:2].ravel())
     return axis.imshow(values.T, origin="lower", extent=extent, aspect=aspect, interpolation="nearest", **look)
 
 

@@ -66,8 +66,7 @@ def _states(axis: Any, trace: Trace, model: Trace | None, safe: Box, j: int, unt
     axis.plot(trace.t, trace.x[:, j], color=COLOURS[trace.controller], lw=2.2, label="simulator")
     if trace.violates:
         axis.plot(trace.t[-1], trace.x[-1, j], "X", color=style.BLACK, ms=10, mec="white", zorder=5, label="violation")
-    axis.set_xlim(0.0, until)
-    axis.set_ylim(lo, hi)
+    axis.set(xlim=(0.0, until), ylim=(lo, hi))
 
 
 def _limits(trace: Trace, model: Trace | None, safe: Box, j: int, until: float) -> tuple[float, float]:
@@ -91,21 +90,21 @@ def gap_figure(trace: Trace, states: Sequence[str], units: Mapping[str, str], un
     own = (trace.t <= until) & np.isfinite(trace.d).all(axis=1)
     t = trace.t[own]
     for j, name in enumerate(states):
-        bounded = np.isfinite(trace.lo[own, j]) & np.isfinite(trace.hi[own, j])
-        _band(axes[0, j], t, trace, own, j, bounded, name, units[name])
+        d, lo, hi = (values[own, j] for values in (trace.d, trace.lo, trace.hi))
+        factor, unit = scaled(float(np.abs(d).max(initial=0.0)), units[name])
+        _band(axes[0, j], t, factor * d, factor * lo, factor * hi)
+        axes[0, j].set_ylabel(f"gap of {name} ({unit})")
         axes[1, j].plot(t, share[own, j], ".", color=style.BLACK, ms=3)
-        axes[1, j].set_xlabel("time (s)")
-        axes[1, j].set_xlim(0.0, until)
+        axes[1, j].set(xlabel="time (s)", xlim=(0.0, until))
     places(axes[1])
     style.legend(figure, markerscale=3)
     return figure
 
 
-def _band(axis: Any, t: Floats, trace: Trace, own: Any, j: int, bounded: Any, name: str, unit: str) -> None:
-    d, lo, hi = trace.d[own, j], trace.lo[own, j], trace.hi[own, j]
-    factor, label = scaled(float(np.abs(d).max(initial=0.0)), unit)
-    axis.fill_between(t[bounded], factor * lo[bounded], factor * hi[bounded], color=style.SKY, alpha=0.6, label="bound")
-    axis.plot(t[bounded], factor * hi[bounded], color=style.BLUE, lw=0.8)
-    axis.plot(t[bounded], factor * lo[bounded], color=style.BLUE, lw=0.8)
-    axis.plot(t, factor * d, ".", color=style.BLACK, ms=3, label="gap of each step")
-    axis.set_ylabel(f"gap of {name} ({label})")
+def _band(axis: Any, t: Floats, d: Floats, lo: Floats, hi: Floats) -> None:
+    """A gap and its bound over time, which is not drawn where there is none."""
+    known = np.isfinite(lo) & np.isfinite(hi)
+    axis.fill_between(t[known], lo[known], hi[known], color=style.SKY, alpha=0.6, label="bound")
+    for side in (hi, lo):
+        axis.plot(t[known], side[known], color=style.BLUE, lw=0.8)
+    axis.plot(t, d, ".", color=style.BLACK, ms=3, label="gap of each step")
