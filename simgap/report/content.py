@@ -8,7 +8,7 @@ from typing import Any
 from simgap.gap.bounds.function import PROVEN
 from simgap.io.traces import GAP_AWARE
 from simgap.notation import pretty_unit
-from simgap.report import adversary, tables
+from simgap.report import tables
 from simgap.report.headline import common_free, verdict
 from simgap.report.material import Material
 from simgap.specifications.base import specification_of
@@ -54,7 +54,7 @@ def content(m: Material) -> dict[str, Any]:
         "common_free": common_free(m.syntheses),
         "between": between_samples(m),
         "unproven": unproven(m.gap),
-        "adversary": adversary.section(m),
+        "adversary": tables.adversary(m),
         "margins": audit.get("margins"),
         "no_margins": audit.get("no_margins", ""),
         "diagnosis": tables.diagnosis(m),
@@ -150,7 +150,7 @@ def summary(m: Material, page: Mapping[str, Any]) -> dict[str, Any]:
         "winning_cells": {kind: s["winning_cells"] for kind, s in m.syntheses.items()},
         "closed_loop": m.validation["controllers"],
         "between_samples": page["between"],
-        "audit": adversary.figures(m),
+        "audit": tables.adversary_figures(m),
         "margins": page["margins"],
         "guarantee": m.gap["guarantee"],
         "diagnosis": page["diagnosis"]["verdict"] if page["diagnosis"] else None,

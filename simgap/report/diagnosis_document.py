@@ -1,4 +1,4 @@
-"""The content of `diagnosis.json`: plain values, the contract's keys first."""
+"""The content of `diagnosis.json` of a plant and of an arm: plain values, the contract's keys first."""
 
 from __future__ import annotations
 
@@ -9,22 +9,19 @@ from typing import Any
 
 from pydantic_core import to_jsonable_python
 
+from simgap.diagnosis import result
 from simgap.diagnosis.arms.answer import ArmDiagnosis
+from simgap.diagnosis.arms.problem import INERTIAL
 from simgap.diagnosis.record.survey import Survey
 from simgap.diagnosis.record.traces import Reading
-from simgap.diagnosis.result import (
-    Alternative,
-    CandidateScore,
-    Concentrated,
-    Diagnosis,
-    FoundEffect,
-    LeftOver,
-    Nearest,
-    Stretches,
-)
+from simgap.diagnosis.verdict import words
 from simgap.diagnosis.verdict.remainder import Remainder, RemainderUse
-from simgap.diagnosis.verdict.words import verdict_parts
+from simgap.effects import effect
+from simgap.effects.base import Quoted
+from simgap.model.tree import Tree
+from simgap.notation import joined
 
+Document = Mapping[str, Any]
 NUMBER_FROM = {
     "effects": ("fit", "choose"),
     "recording": ("fit", "choose"),
@@ -48,7 +45,7 @@ NUMBER_FROM = {
 
 
 def document(
-    found: Diagnosis,
+    found: result.Diagnosis,
     reading: Reading,
     look: Survey,
     remainder: Remainder | None,
@@ -75,13 +72,17 @@ def document(
         "units": units,
         "provenance": provenance,
     }, fallback=dict)  # fmt: skip
-    content["sentences"] = verdict_parts(content)
+    content["sentences"] = words.verdict_parts(content)
     content["sentence"] = " ".join(content["sentences"])
     return content
 
 
 def shared(
-    found: Diagnosis | ArmDiagnosis, reading: Reading, look: Survey, error: Mapping[str, Any], folds: Mapping[str, Any]
+    found: result.Diagnosis | ArmDiagnosis,
+    reading: Reading,
+    look: Survey,
+    error: Mapping[str, Any],
+    folds: Mapping[str, Any],
 ) -> dict[str, Any]:
     """The keys of every diagnosis, of a plant and of an arm.
 
@@ -106,7 +107,7 @@ def shared(
     }
 
 
-def _judgement(found: Diagnosis) -> dict[str, Any]:
+def _judgement(found: result.Diagnosis) -> dict[str, Any]:
     """Judgement on how far the answer goes: what is left, what cannot be told apart."""
     sides = {"before": found.before, "after": found.after}
     return {
@@ -127,14 +128,14 @@ def _judgement(found: Diagnosis) -> dict[str, Any]:
     }
 
 
-def _nearest(n: Nearest | None) -> dict[str, Any] | None:
+def _nearest(n: result.Nearest | None) -> dict[str, Any] | None:
     """Set of effects that comes nearest where none is named, as plain data."""
     if n is None:
         return None
     return {"effects": [effect_entry(e) for e in n.effects], "explained_share": n.share, "reasons": n.reasons}
 
 
-def _concentrated(c: Concentrated | None) -> dict[str, Any] | None:
+def _concentrated(c: result.Concentrated | None) -> dict[str, Any] | None:
     """Stretches in which the error is, as plain data."""
     if c is None:
         return None
@@ -146,12 +147,12 @@ def _concentrated(c: Concentrated | None) -> dict[str, Any] | None:
     }
 
 
-def _left_over(over: Sequence[LeftOver] | None) -> list[dict[str, Any]] | None:
+def _left_over(over: Sequence[result.LeftOver] | None) -> list[dict[str, Any]] | None:
     """Effects that would take away a part of the rest, as plain data."""
     return None if over is None else [effect_entry(o.effect) | {"share": o.share} for o in over]
 
 
-def _alternative(a: Alternative) -> dict[str, Any]:
+def _alternative(a: result.Alternative) -> dict[str, Any]:
     effects = [{"name": e.name, "on": e.on, "parameters": e.values} for e in a.effects]
     return {"effects": effects, "bic_excess": a.bic_excess, "exact": a.exact}
 
@@ -165,12 +166,12 @@ def _key(key: Sequence[str]) -> dict[str, str]:
     return {"name": key[0], "on": key[1]}
 
 
-def effect_entry(e: FoundEffect) -> dict[str, Any]:
+def effect_entry(e: result.FoundEffect) -> dict[str, Any]:
     """An effect with its numbers and what could stand in its place."""
     return asdict(e) | {"alternatives": [[_key(k) for k in alternative] for alternative in e.alternatives]}
 
 
-def _fold(stretches: Stretches, reading: Reading) -> dict[str, Any]:
+def _fold(stretches: result.Stretches, reading: Reading) -> dict[str, Any]:
     """Traces, or windows of them, of which a fold is made."""
     whole = {t for t, _, _ in stretches if _covers(stretches, reading, t)}
     return {
@@ -179,12 +180,97 @@ def _fold(stretches: Stretches, reading: Reading) -> dict[str, Any]:
     }
 
 
-def _covers(stretches: Stretches, reading: Reading, trace: str) -> bool:
+def _covers(stretches: result.Stretches, reading: Reading, trace: str) -> bool:
     """True if the stretches of a trace are all of it."""
     duration = next(t.duration for t in reading.record.traces if t.name == trace)
     held = sum(b - a for t, a, b in stretches if t == trace)
     return math.isclose(held, duration, rel_tol=0.05)
 
 
-def _candidate(c: CandidateScore) -> dict[str, Any]:
+def _candidate(c: result.CandidateScore) -> dict[str, Any]:
     return asdict(c) | {"score": c.bic_gain if c.bic_gain is not None else c.chi2_drop}
+
+
+def arm_sentence(document: Document) -> str:
+    """Torque columns that are wrong and what to do; what was found, what it explains, what was mounted."""
+    wrong = "".join(f"{f['sentence']} {f['remedy']} " for f in document["recording"])
+    return wrong + _arm_found(document)
+
+
+def _arm_found(document: Document) -> str:
+    verdict, effects = document["verdict"], document["effects"]
+    if verdict == "none":
+        return f"The model explains the torques down to their noise: no effect is missing.{_mounted(document)}"
+    if verdict == "unexplained":
+        return (
+            "No friction, inertia, bias or change of inertial parameters surely lowers the error of the torques on "
+            "data that were never fitted: look for a torque column or a drive gain that is not what the case says, or "
+            "for a force that was not measured."
+        )
+    own = _told([e for e in effects if e["name"] != INERTIAL], document["joints"])
+    links = [e["on"] for e in effects if e["name"] == INERTIAL]
+    where = "every link" if len(links) == len(document["joints"]) else joined(links)
+    parts = [*own, *([f"other inertial parameters of {where}"] if links else [])]
+    what = joined(parts)
+    verb = "explains" if own == parts and len(parts) == 1 else "explain" if len(parts) == 1 else "together explain"
+    text = f"{what[0].upper()}{what[1:]} {verb} {words.explained(document)} of the torques."
+    return f"{text}{_mounted(document)}"
+
+
+def _told(effects: Sequence[Mapping[str, Any]], joints: Sequence[Mapping[str, str]]) -> list[str]:
+    """Each effect with its numbers, or of many the kinds with their places: the table has the numbers."""
+    if len(effects) <= MOST_NUMBERS:
+        return [words.describe(e) for e in effects]
+    places: dict[str, list[str]] = {}
+    for e in effects:
+        places.setdefault(e["name"], []).append(str(e["on"]))
+    return [effect(name).phrase(_place(own, joints)) for name, own in places.items()]
+
+
+def _place(names: Sequence[str], joints: Sequence[Mapping[str, str]]) -> str:
+    """'joints' where these are all of them, 'joint j4' or 'joints j4 and j5' for some; inputs alike."""
+    for key in ("joint", "input"):
+        every = {row[key] for row in joints}
+        if every.issuperset(names):
+            return f"{key}s" if every == set(names) else f"{key}{'s' * (len(names) > 1)} {joined(names)}"
+    return joined(names)
+
+
+def _mounted(document: Document) -> str:
+    """A sentence about each payload whose mass was found."""
+    text = ""
+    for p in (p for p in document["payloads"] if "m" in p["parameters"]):
+        few = p["traces"] if len(p["traces"]) <= 4 else [*p["traces"][:3], f"{len(p['traces']) - 3} more"]
+        mass, s = Quoted(p["parameters"]).number("m"), "s" * (len(few) > 1)
+        text += f" In recording{s} {joined(few)}, {p['link']} carries {mass} more."
+    return text
+
+
+MOST_NUMBERS = 4
+
+
+def arm_document(
+    found: ArmDiagnosis, reading: Reading, look: Survey, tree: Tree, inputs: Sequence[str], units: Mapping[str, str],
+    provenance: Mapping[str, Any],
+) -> dict[str, Any]:  # fmt: skip
+    """Everything that is reported, as JSON takes it. The errors are of torques: `fit_rmse` by input, no horizon."""
+    sides = {"before": found.before, "after": found.after, "noise_floor": found.floor}
+    error = {side: {"fit_rmse": rms, "horizon_s": 0.0, "horizon_rmse": {}} for side, rms in sides.items()}
+    folds = {name: {"traces": traces, "windows": []} for name, traces in found.folds.items()}
+    content: dict[str, Any] = to_jsonable_python({
+        **shared(found, reading, look, error | {"by_trace": found.by_trace}, folds),
+        "method": "inverse dynamics",
+        "base_parameters": found.base,
+        "consistent": None if found.distance is None else {"distance": found.distance},
+        "payloads": found.payloads,
+        "candidates": found.sought,
+        "low_pass_hz": found.cut_hz,
+        "independent_rows": found.independent,
+        "joints": [
+            {"joint": j, "input": u, "link": link} for j, u, link in zip(tree.joints, inputs, tree.links, strict=True)
+        ],
+        "units": units,
+        "provenance": provenance,
+    }, fallback=dict)  # fmt: skip
+    content["sentence"] = arm_sentence(content)
+    return content

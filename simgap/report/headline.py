@@ -12,7 +12,7 @@ from simgap.config.controller import Trials
 from simgap.gap.fitting.acceptance import Outside, clopper_pearson_upper
 from simgap.io.traces import BASELINE, EVERY_TITLE, GAP_AWARE, MODEL, NOMINAL, SIMULATOR, shown
 from simgap.notation import number, pretty_unit
-from simgap.report import adversary, tables
+from simgap.report import tables
 from simgap.report.material import Material
 from simgap.specifications.base import STUCK, specification_of
 
@@ -48,7 +48,7 @@ def verdict(m: Material) -> dict[str, Any]:
         "arrival": _arrival(m),
         "winning": f"The gap-aware controller wins {_won(m, GAP_AWARE)} of the {words.allowed} for every gap within "
         f"its bound; the nominal-only controller wins {_won(m, NOMINAL)}, for the model alone.{_own_share(m)}",
-        "adversary": adversary.sentence(m),
+        "adversary": tables.adversary_sentence(m),
         "tolerated": m.gap.get("fresh", {}).get("violations", 0),
         "outside": str(Outside(**worst)) if (worst := m.gap.get("fresh", {}).get("outside")) else "",
     }
@@ -67,7 +67,7 @@ def plain(m: Material) -> str:
     said += f"The controller that trusts the model {_trusting(nominal, failed, m.context.domain.tau)}."
     if m.audit is None:
         return said
-    found, tried = m.audit["violations"], adversary.attempts(m.audit)
+    found, tried = m.audit["violations"], tables.attempts(m.audit)
     return f"{said} An adversary found {found or 'no'} violation{'s' * (found > 1)} in {tried:,} attempts."
 
 
@@ -104,7 +104,7 @@ def tiles(m: Material) -> list[tuple[str, str]]:
     ]
     if m.audit is not None:
         found.append(
-            (f"{m.audit['violations']:,}", f"violations in {adversary.attempts(m.audit):,} attempts of an adversary")
+            (f"{m.audit['violations']:,}", f"violations in {tables.attempts(m.audit):,} attempts of an adversary")
         )
     share = m.syntheses[GAP_AWARE]["winning_cells"] / max(1, common_free(m.syntheses))
     return [*found, (f"{100.0 * share:.1f} %", f"of the {words.allowed}: states where the promise holds")]

@@ -19,7 +19,7 @@ from simgap.effects import EFFECTS, check_listed, effect
 from simgap.errors import UserError
 from simgap.simulators.base import Engine, PathSimulator, Simulator
 from simgap.simulators.body_samples import REST, BodySamples, joined
-from simgap.simulators.supervision import Supervised, supervise, try_as_map
+from simgap.simulators.supervision import Supervisor, try_as_map
 
 
 def make_simulator(case: Case, folder: Path) -> Simulator:
@@ -35,7 +35,8 @@ def make_simulator(case: Case, folder: Path) -> Simulator:
     if section.engine in plugins.BUILT_IN["engines"] and not kind.of_a_person:
         return simulator
     names, calls = (list(case.plant.states), list(case.plant.inputs)), section.substeps if kind.of_a_person else 1
-    return try_as_map(supervise(simulator, Supervised(section.engine, *names, section.timeout * calls)), case)
+    Supervisor(simulator, section.engine, names, section.timeout * calls)
+    return try_as_map(simulator, case)
 
 
 def closed_form(case: Case, folder: Path) -> tuple[Any, ...] | None:

@@ -13,8 +13,9 @@ from simgap.gap.fitting.dimension_fit import deterministic_tier
 from simgap.geometry import Box, Grid
 from simgap.io.traces import MODEL, Trace
 from simgap.notation import interval, powers
-from simgap.report import arm_document, headline, tables
+from simgap.report import headline, tables
 from simgap.report.content import unproven
+from simgap.report.diagnosis_document import arm_sentence
 from simgap.report.headline import little_won
 from simgap.specifications.solution import Solution
 from simgap.synthesis.controller import RULES, Controller
@@ -119,10 +120,10 @@ def test_many_effects_of_an_arm_are_told_by_kind():
     told = {"verdict": "partial", "recording": [], "payloads": [], "explained_share": 0.8, "explained_error": None}
     rows = [{"joint": j, "input": f"u_{j}", "link": f"link_{j}"} for j in ("j1", "j2", "j3", "j4")]
     few, many, every = (
-        arm_document.sentence(told | {"effects": effects[:n], "joints": rows[:k]}) for n, k in ((2, 4), (6, 4), (6, 3))
+        arm_sentence(told | {"effects": effects[:n], "joints": rows[:k]}) for n, k in ((2, 4), (6, 4), (6, 3))
     )
     assert every.startswith("Coulomb friction at the joints and viscous friction at the joints together ")
-    some = arm_document.sentence(told | {"effects": effects[:5], "joints": rows[:3]})
+    some = arm_sentence(told | {"effects": effects[:5], "joints": rows[:3]})
     assert some.startswith("Coulomb friction at the joints and viscous friction at the joints j1 and j2 together ")
     assert few.startswith("Coulomb friction of 2.0 ± 0.1 N m at the j1 and Coulomb friction of 2.0 ")
     assert many.startswith("Coulomb friction at the joints j1, j2 and j3 and viscous friction at the joints j1, j2 ")
