@@ -1,4 +1,4 @@
-"""The paper's printed numbers held against what they imply and against what is measured here.
+"""The paper's printed numbers beside what they imply and what is measured here.
 
 Equations and tables are those of the paper's case studies ("Pendulum System", "Turtlebot Model").
 """

@@ -193,12 +193,13 @@ class RungeKutta(NominalModel):
     def jacobian_axes(self) -> tuple[tuple[Axes, ...], ...]:
         """For each i, j, state axes on which d f_i / d x_j may depend: by the chain rule, stage by stage."""
         n, slopes = self.nx, self._reads(self.slopes).reshape(self.nx, self.nx, self.nx)
-        axes, there = np.zeros((n, n, n), np.bool_), np.zeros((n, n), np.bool_)  # of dk_s/dx; and where it is not 0
+        axes: Bools = np.zeros((n, n, n), np.bool_)  # of dk_s/dx
+        there: Bools = np.zeros((n, n), np.bool_)  # where it is not 0
         total = axes
         for points in self._points:
             along = self._sloped[:, :, None] & (there | np.eye(n, dtype=np.bool_))  # (i, m, j)
-            axes = (along[..., None] & ((slopes @ points)[:, :, None] | axes)).any(axis=1)
-            there, total = along.any(axis=1), total | axes
+            axes = np.any(along[..., None] & ((slopes @ points)[:, :, None] | axes), axis=1)
+            there, total = np.any(along, axis=1), total | axes
         return tuple(_axes(row) for row in total)
 
     @cached_property

@@ -113,14 +113,13 @@ def _check_mass_matrix(written: SymbolicPlant, matrix: sp.Matrix, positions: Seq
             m = np.array(matrix.subs(here).tolist(), dtype=np.float64)
         except TypeError:
             raise UserError("the mass matrix is not a finite real number everywhere", key=_KEY) from None
+        lacks, remedy = "", "Correct the entries off its diagonal."
         if not np.allclose(m, m.T, rtol=_SAME, atol=0.0):
-            raise UserError(
-                "the mass matrix is not symmetric", key=_KEY, remedy="Correct the entries off its diagonal."
-            )
-        if not np.isfinite(m).all() or np.linalg.eigvalsh(m)[0] <= 0.0:
-            raise UserError(
-                "the mass matrix is not positive definite", key=_KEY, remedy="Correct its entries or the parameters."
-            )
+            lacks = "symmetric"
+        elif not np.isfinite(m).all() or np.linalg.eigvalsh(m)[0] <= 0.0:
+            lacks, remedy = "positive definite", "Correct its entries or the parameters."
+        if lacks:
+            raise UserError(f"the mass matrix is not {lacks}", key=_KEY, remedy=remedy)
 
 
 def _refuse_hidden_coupling(
@@ -290,9 +289,9 @@ def _rate_of(unit: str) -> str:
 
 
 def _gravity(written: SymbolicPlant) -> tuple[str, str, str] | None:
-    for name in written.gravity or ():
-        if name not in written.parameters:
-            raise UserError(f"'{name}' is not a parameter", key="plant.symbolic.gravity")
+    unknown = [name for name in written.gravity or () if name not in written.parameters]
+    if unknown:
+        raise UserError(f"'{unknown[0]}' is not a parameter", key="plant.symbolic.gravity")
     return written.gravity
 
 
@@ -424,7 +423,7 @@ class PlantModel:
         return symbolic_plant(self.corrected)
 
     def check_with_drake(self, box: Box, inputs: Floats) -> None:
-        """Hold the compiled map, and the model file as declared, against Drake's own numbers on X and U, (M, nu).
+        """Compare the compiled map, and the model file as declared, with Drake's own numbers on X and U, (M, nu).
 
         Raises:
             BrokenPromise: naming the state in which they differ beyond rounding.

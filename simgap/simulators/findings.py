@@ -1,13 +1,18 @@
-"""Changes that an engine makes to a model file in silence: what it drops, replaces, completes or enforces.
+"""Surprises of a model file: what an engine drops, replaces or enforces in silence, and what MJCF has beyond the model.
 
 Two engines read one URDF as two robots. Some of it can be asked of the loaded engine (masses, centres of mass,
 moments of inertia); the rest, what it does with friction, limits and gears, is a trait of the engine that a test shows.
-Nothing here is refused: gamma covers what the simulator does. It is said, so that nobody takes it for the robot.
+Bodies of an MJCF file and of the plant's URDF need not have the same names or frames. What is compared is what a joint
+feels: the mass and the inertia that it moves, the pull of gravity, and its own damping, friction, armature, spring and
+stops. Nothing here is refused: gamma covers what the simulator does. It is said, so that nobody takes it for the robot.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +20,11 @@ from simgap.arrays import Floats
 from simgap.config.case import Case
 from simgap.effects import effect, joint_effect
 from simgap.errors import Finding
-from simgap.plants.model_file import FileJoint, Link, ModelFile
+from simgap.late import sympy as sp
+from simgap.model.symbolic import symbol
+from simgap.plants.model_file import FileJoint, Link, ModelFile, read_model_file
+from simgap.plants.urdf import multibody_plant
+from simgap.simulators import mjcf
 from simgap.simulators.base import FileTraits, added_effects, domain_of
 
 SAME = 1e-3
@@ -212,3 +221,249 @@ def differs(a: Floats | float, b: Floats | float) -> bool:
 def listed(values: Floats) -> str:
     """Numbers in brackets."""
     return "(" + ", ".join(f"{v:.4g}" for v in values) + ")"
+
+
+@dataclass(frozen=True)
+class Felt:
+    """Load of a joint: mass that it moves, kg; inertia at 0, kg m^2 or kg; gravity's pull at states, N m or N."""
+
+    mass: float
+    inertia: float
+    gravity: Floats
+
+
+def load_of_file(case: Case, model: Any) -> Mapping[str, Felt]:
+    """Load of each joint of MuJoCo's model, by name; gravity at the states of `mjcf.samples`."""
+    mujoco = mjcf.require_mujoco()
+    nv, pulls = model.nv, []
+    for x in mjcf.samples(case):
+        data = mjcf.data_at_state(case, model, x)
+        data.qvel[:] = 0.0
+        mujoco.mj_forward(model, data)
+        pulls.append(np.array(data.qfrc_gravcomp) - np.array(data.qfrc_bias))
+    data, inertia = mujoco.MjData(model), np.empty(nv)
+    data.qpos[:] = 0.0
+    mujoco.mj_forward(model, data)
+    bias = np.empty(nv)
+    mujoco.mj_rne(model, data, 0, bias)
+    for k in range(nv):  # a column of the mass matrix, without armature
+        data.qacc[:] = np.eye(nv)[k]
+        column = np.empty(nv)
+        mujoco.mj_rne(model, data, 1, column)
+        inertia[k] = column[k] - bias[k]
+    return {
+        model.joint(j).name: Felt(
+            float(model.body_subtreemass[model.jnt_bodyid[j]]),
+            float(inertia[k := int(model.jnt_dofadr[j])]),
+            np.array([pull[k] for pull in pulls]),
+        )
+        for j in range(model.njnt)
+    }
+
+
+def load_of_nominal(case: Case, urdf: Path) -> Mapping[str, Felt]:
+    """The same of the plant's URDF, by Drake."""
+    plant, names = multibody_plant(urdf, (0.0, 0.0, -case.plant.gravity))
+    context = plant.CreateDefaultContext()
+    joints = [plant.GetJointByName(name) for name in names]
+    plant.SetPositions(context, np.zeros(plant.num_positions()))
+    mass, pulls = plant.CalcMassMatrix(context), []
+    place = {s.joint: n for n, s in case.plant.states.items() if s.quantity == "position"}
+    for x in mjcf.samples(case):
+        q = np.zeros(plant.num_positions())
+        for joint in joints:
+            q[joint.position_start()] = x[place[joint.name()]]
+        plant.SetPositions(context, q)
+        pulls.append(plant.CalcGravityGeneralizedForces(context))
+    moved = [[plant.get_body(b) for b in plant.GetBodiesKinematicallyAffectedBy([joint.index()])] for joint in joints]
+    return {
+        joint.name(): Felt(
+            sum(float(body.default_mass()) for body in bodies),
+            float(mass[k := joint.velocity_start(), k]),
+            np.array([pull[k] for pull in pulls]),
+        )
+        for joint, bodies in zip(joints, moved, strict=True)
+    }
+
+
+LEARN = "Declare {} in plant.effects if the model should know it; gamma covers it otherwise."
+COVERED = "Correct the MJCF file or the URDF, unless that is the gap you want to measure."
+
+
+def mjcf_findings(case: Case, folder: Path) -> list[Finding]:
+    """All of them, for a case whose file `mjcf.check_mjcf` takes.
+
+    Raises:
+        UserError: what it refuses.
+    """
+    model = mjcf.check_mjcf(case, folder)
+    joints = [model.joint(k).name for k in range(model.njnt)]
+    found = [*_options(case, model), *_touching(case, model), *_idle(model)]
+    for name in joints:
+        joint = _as_stated(model, name)
+        found += [*ranges(case, FileTraits(), name, joint), *efforts(case, name, joint)]
+    if case.plant.urdf is not None:
+        stated = read_model_file(folder / case.plant.urdf).joints
+        nominal = load_of_nominal(case, folder / case.plant.urdf)
+        for name, own in load_of_file(case, model).items():
+            found += [*_body(name, own, nominal[name]), *_own_forces(case, model, name, stated[name].damping)]
+    return found
+
+
+def mjcf_switches(case: Case, folder: Path) -> tuple[sp.Expr, ...]:
+    """Surfaces where the file's stops and dry friction switch, as expressions that are 0 there.
+
+    Raises:
+        UserError: what `mjcf.check_mjcf` refuses.
+    """
+    model, found = mjcf.check_mjcf(case, folder), []
+    for name, state in case.plant.states.items():
+        if state.joint is None:
+            continue
+        joint = model.joint(state.joint)
+        if state.quantity == "velocity" and model.dof_frictionloss[joint.dofadr[0]] > 0:
+            found.append(symbol(name))
+        if state.quantity == "position" and model.jnt_limited[joint.id]:
+            found += [symbol(name) - sp.Float(float(end)) for end in model.jnt_range[joint.id]]
+    return tuple(found)
+
+
+def _as_stated(model: Any, name: str) -> FileJoint:
+    joint = model.joint(name)
+    return FileJoint(
+        kind="revolute",
+        range=(float(joint.range[0]), float(joint.range[1])) if model.jnt_limited[joint.id] else None,
+        effort=most_force(model, joint.id),
+        velocity=None, damping=0.0, friction=0.0, mimics=None, reflected=False,
+    )  # fmt: skip
+
+
+def motors_of(model: Any, joint: int) -> Iterator[int]:
+    """The actuators on a joint."""
+    kind = mjcf.require_mujoco().mjtTrn.mjTRN_JOINT
+    yield from (k for k in range(model.nu) if model.actuator_trntype[k] == kind and model.actuator_trnid[k, 0] == joint)
+
+
+def most_force(model: Any, joint: int) -> float | None:
+    """The largest force on a joint that its motors say they give, None where one says nothing."""
+    total, some = 0.0, False
+    for k in motors_of(model, joint):
+        ends = []
+        if model.actuator_ctrllimited[k]:
+            ends.append(float(np.abs(model.actuator_ctrlrange[k] * model.actuator_gainprm[k, 0]).max()))
+        if model.actuator_forcelimited[k]:
+            ends.append(float(np.abs(model.actuator_forcerange[k]).max()))
+        if not ends:
+            return None
+        total, some = total + min(ends) * abs(float(model.actuator_gear[k, 0])), True
+    return total if some else None
+
+
+def _idle(model: Any) -> Iterator[Finding]:
+    for k in range(model.nu):
+        gear = float(model.actuator_gear[k, 0]) * float(model.actuator_gainprm[k, 0])
+        if gear != 1.0:
+            yield Finding(
+                f"actuator '{model.actuator(k).name}'",
+                f"it makes {gear:g} of a command of 1, and idles: the inputs of the case are forces on joints",
+                "Give U in the joint's unit.",
+            )
+
+
+def _options(case: Case, model: Any) -> Iterator[Finding]:
+    assert case.simulator is not None
+    tau, option, mujoco = domain_of(case).tau, model.opt, mjcf.require_mujoco()
+    step = tau / case.simulator.substeps
+    if differs(option.timestep, step):
+        yield Finding(
+            "simulator.substeps", f"the file steps by {option.timestep:g} s, the engine by tau/substeps = {step:g} s",
+            f"substeps: {max(1, round(tau / option.timestep))} is nearest to the file.",
+        )  # fmt: skip
+    own, model_s = np.array(option.gravity), np.array([0.0, 0.0, -case.plant.gravity])
+    if case.plant.urdf is not None and differs(own, model_s):
+        yield Finding(
+            "simulator.mjcf", f"its gravity is {listed(own)} m/s^2, the nominal model's {listed(model_s)}",
+            "Correct <option gravity>, or plant.gravity.",
+        )  # fmt: skip
+    if option.integrator != mujoco.mjtIntegrator.mjINT_EULER:
+        name = mujoco.mjtIntegrator(option.integrator).name.removeprefix("mjINT_").lower()
+        yield Finding(
+            "simulator.mjcf", f"it integrates by {name}, as its <option> says", "That is used; nothing to do."
+        )
+    if option.density or option.viscosity or np.any(option.wind):
+        yield Finding("simulator.mjcf", "its bodies move through a medium, which resists", LEARN.format("drag"))
+    bits = [b for b in mujoco.mjtDisableBit.__members__.values() if b.name not in ("mjDSBL_AUTORESET", "mjNDISABLE")]
+    off = [b.name.removeprefix("mjDSBL_").lower() for b in bits if option.disableflags & b.value]
+    if off:
+        yield Finding("simulator.mjcf", f"its <flag> switches off: {', '.join(off)}", "Take it out if it is not meant.")
+    if model.neq:
+        yield Finding(
+            "simulator.mjcf", f"it has {model.neq} equality constraints, the nominal model none",
+            "Take them out, unless that is the gap you want to measure.",
+        )  # fmt: skip
+
+
+def _touching(case: Case, model: Any) -> Iterator[Finding]:
+    """Shapes that touch in X: a world's shape and the body that is hinged to it touch too, unlike two bodies."""
+    for x in mjcf.samples(case):
+        data = mjcf.data_at_state(case, model, x)
+        if data.ncon:
+            pair = [_shape(model, int(g[0])) for g in (data.contact.geom1, data.contact.geom2)]
+            place = ", ".join(f"{name} = {value:.3g}" for name, value in x.items())
+            yield Finding(
+                "simulator.mjcf", f"{pair[0]} and {pair[1]} touch at {place}, which pushes them apart",
+                'Give one of them contype="0" conaffinity="0", unless the contact is meant.',
+            )  # fmt: skip
+            return
+
+
+def _shape(model: Any, geom: int) -> str:
+    name = model.geom(geom).name
+    body = model.body(int(model.geom_bodyid[geom])).name
+    return f"geom '{name}'" if name else f"a geom of body '{body}'"
+
+
+def _body(name: str, own: Felt, nominal: Felt) -> Iterator[Finding]:
+    place = f"joint '{name}'"
+    if differs(own.mass, nominal.mass):
+        yield Finding(place, f"it moves {own.mass:g} kg in the file, {nominal.mass:g} kg in the plant's URDF", COVERED)
+    if differs(own.inertia, nominal.inertia):
+        yield Finding(
+            place, f"it moves an inertia of {own.inertia:.4g} in the file, {nominal.inertia:.4g} in the plant's URDF, "
+            "both where all positions are 0, in SI units", COVERED,
+        )  # fmt: skip
+    if differs(own.gravity, nominal.gravity):
+        k = int(np.argmax(np.abs(own.gravity - nominal.gravity)))
+        yield Finding(
+            place, f"gravity pulls it by {own.gravity[k]:.4g} in the file and by {nominal.gravity[k]:.4g} in the "
+            "plant's URDF at the same position: another mass, place of it, axis or zero", COVERED,
+        )  # fmt: skip
+
+
+def _own_forces(case: Case, model: Any, name: str, damping: float) -> Iterator[Finding]:
+    """Findings about what acts in a joint itself, with what the case adds to either side."""
+    assert case.simulator is not None
+    joint = model.joint(name)
+    k = int(joint.dofadr[0])
+    stated = (
+        ("damps it by", "damping", float(model.dof_damping[k]), damping),
+        ("holds it with dry friction of", "frictionloss", float(model.dof_frictionloss[k]), 0.0),
+        ("gives it an armature of", "armature", float(model.dof_armature[k]), 0.0),
+        ("ties it to a spring of", "stiffness", float(model.jnt_stiffness[joint.id]), 0.0),
+    )
+    for words, attribute, own, nominal in stated:
+        known = joint_effect(attribute)
+        key = known.parameters[0].symbol
+        sides = [
+            value + sum(e.parameters.get(key, 0.0) for e in effects if e.name == known.name and e.on == name)
+            for value, effects in ((own, case.simulator.effects), (nominal, case.plant.effects))
+        ]
+        if own and differs(*sides):
+            yield Finding(f"joint '{name}'", f"the file {words} {own:g}, the nominal model has {sides[1]:g}",
+                          LEARN.format(known.name))  # fmt: skip
+        elif nominal and differs(*sides):
+            yield Finding(f"joint '{name}'", f"the plant's URDF {words} {nominal:g}, the simulator has {sides[0]:g}",
+                          COVERED)  # fmt: skip
+    if np.any(model.dof_dampingpoly[k]) or np.any(model.jnt_stiffnesspoly[joint.id]):
+        yield Finding(f"joint '{name}'", "the file gives it damping or a spring of higher order",
+                      LEARN.format("quadratic_drag or cubic_spring"))  # fmt: skip

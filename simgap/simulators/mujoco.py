@@ -22,9 +22,10 @@ from simgap.errors import Finding, UserError, excerpt
 from simgap.late import sympy as sp
 from simgap.plants.model_file import Link
 from simgap.plants.urdf_checks import attributes, check_urdf, loading, number_of, root_link
-from simgap.simulators import mjcf, mjcf_findings
+from simgap.simulators import mjcf
 from simgap.simulators.base import FileTraits, Simulator
 from simgap.simulators.commands import CommandPath
+from simgap.simulators.findings import mjcf_findings, mjcf_switches
 from simgap.simulators.joints import JointEngine, JointPlant
 from simgap.simulators.mjcf import MuJoCoModel, require_mujoco
 from simgap.simulators.wheeled import WheeledEngine, WheeledPlant, WheeledSettings
@@ -85,12 +86,12 @@ class MuJoCoJoints(JointEngine):
     @classmethod
     def findings(cls, case: Case, folder: Path) -> list[Finding] | None:
         """See `Engine.findings`."""
-        return mjcf_findings.findings(case, folder) if _mjcf(case) else None
+        return mjcf_findings(case, folder) if _mjcf(case) else None
 
     @classmethod
     def switches(cls, case: Case, folder: Path) -> tuple[sp.Expr, ...]:
         """See `Engine.switches`."""
-        return mjcf_findings.switches(case, folder) if _mjcf(case) else ()
+        return mjcf_switches(case, folder) if _mjcf(case) else ()
 
     def loaded(self) -> Mapping[str, Link]:
         """See `Simulator.loaded`."""
