@@ -46,35 +46,26 @@ def model_file_findings(case: Case, traits: FileTraits, file: ModelFile, loaded:
 
 def _links(case: Case, file: ModelFile, loaded: Mapping[str, Link]) -> Iterator[Finding]:
     for name, own in loaded.items():
+        key, declared = f"link '{name}'", file.links.get(name)
         if name in file.bare and own.mass > 0:
-            yield Finding(
-                f"link '{name}'",
-                f"the file gives it no mass, the engine gives it {own.mass:g} kg",
-                "Add <inertial> to it.",
-            )
-        declared = file.links.get(name)
+            problem = f"the file gives it no mass, the engine gives it {own.mass:g} kg"
+            yield Finding(key, problem, "Add <inertial> to it.")
         if declared is None:
             continue
         if differs(own.mass, declared.mass):
-            yield Finding(
-                f"link '{name}'", f"the engine computes with {own.mass:g} kg, the file says {declared.mass:g} kg",
-                "Give simulator.urdf the mass that is meant.",
-            )  # fmt: skip
+            problem = f"the engine computes with {own.mass:g} kg, the file says {declared.mass:g} kg"
+            yield Finding(key, problem, "Give simulator.urdf the mass that is meant.")
         if differs(own.com, declared.com):
-            yield Finding(
-                f"link '{name}'",
-                f"the engine has its centre of mass at {listed(own.com)} m, the file at {listed(declared.com)} m",
-                "Look at <inertial><origin>.",
-            )
+            problem = f"the engine has its centre of mass at {_list(own.com)} m, the file at {_list(declared.com)} m"
+            yield Finding(key, problem, "Look at <inertial><origin>.")
         if differs(own.moments, declared.moments):
             by_key = getattr(case.simulator, "inertia", None) == "engine"
-            which = f"link '{name}'" if by_key else "it"
-            yield Finding(
-                "simulator.inertia" if by_key else f"link '{name}'",
-                f"the engine computes {which} with the principal moments "
-                f"{listed(own.moments)} kg m^2, the file says {listed(declared.moments)}",
-                "With `inertia: file` it takes the file's." if by_key else "Look at <inertia>.",
+            problem = (
+                f"the engine computes {key if by_key else 'it'} with the principal moments {_list(own.moments)} kg "
+                f"m^2, the file says {_list(declared.moments)}"
             )
+            remedy = "With `inertia: file` it takes the file's." if by_key else "Look at <inertia>."
+            yield Finding("simulator.inertia" if by_key else key, problem, remedy)
 
 
 def _damping(case: Case, traits: FileTraits, file: ModelFile) -> Iterator[Finding]:
@@ -84,19 +75,19 @@ def _damping(case: Case, traits: FileTraits, file: ModelFile) -> Iterator[Findin
     for name, joint in file.joints.items():
         engine = own.joint + _viscous(case, name)
         if differs(joint.damping, engine):
-            yield Finding(
-                "simulator.damping.joint",
+            problem = (
                 f"replaces the damping {joint.damping:g} that the file states for joint '{name}' by {engine:g}; the "
-                "nominal model keeps the file's",
-                _agreeing(name, joint.damping, {own.damping for own in file.joints.values()}),
+                "nominal model keeps the file's"
             )
+            stated = {other.damping for other in file.joints.values()}
+            yield Finding("simulator.damping.joint", problem, _agreeing(name, joint.damping, stated))
     if traits.damps_links and (own.linear or own.angular):
-        yield Finding(
-            "simulator.damping",
+        problem = (
             f"the engine damps every link by {own.linear:g} (linear) and {own.angular:g} (angular) 1/s, although no "
-            "model file says so",
-            "Set both to 0, unless you want to measure the engine with its defaults.",
+            "model file says so"
         )
+        remedy = "Set both to 0, unless you want to measure the engine with its defaults."
+        yield Finding("simulator.damping", problem, remedy)
 
 
 def _viscous(case: Case, joint: str) -> float:
@@ -120,32 +111,22 @@ def _agreeing(name: str, own: float, stated: Collection[float]) -> str:
 
 
 def _joint(case: Case, traits: FileTraits, name: str, joint: FileJoint) -> Iterator[Finding]:
-    place = f"joint '{name}'"
-    if joint.friction > 0 and not _declared(case, name):
-        yield Finding(
-            place, f"neither Drake nor the engine simulates its friction {joint.friction:g}",
-            "Declare coulomb_friction in simulator.effects, and in plant.effects if the model should know it.",
-        )  # fmt: skip
+    key = f"joint '{name}'"
+    if joint.friction > 0 and not any(e.on == name and effect(e.name).dry for e in added_effects(case)):
+        problem = f"neither Drake nor the engine simulates its friction {joint.friction:g}"
+        remedy = "Declare coulomb_friction in simulator.effects, and in plant.effects if the model should know it."
+        yield Finding(key, problem, remedy)
     if joint.mimics is not None:
-        yield Finding(
-            place, f"the file lets it follow joint '{joint.mimics}', the engine moves it independently",
-            "Weld or remove it, or give it states.",
-        )  # fmt: skip
+        problem = f"the file lets it follow joint '{joint.mimics}', the engine moves it independently"
+        yield Finding(key, problem, "Weld or remove it, or give it states.")
     if joint.reflected:
-        yield Finding(
-            place, "the file states a gear or a rotor's inertia, which the engine drops",
-            "Add the reflected inertia to the link, or let gamma cover it.",
-        )  # fmt: skip
-    yield from ranges(case, traits, name, joint)
-    yield from efforts(case, name, joint)
+        problem = "the file states a gear or a rotor's inertia, which the engine drops"
+        yield Finding(key, problem, "Add the reflected inertia to the link, or let gamma cover it.")
+    yield from _ranges(case, traits, name, joint)
+    yield from _efforts(case, name, joint)
 
 
-def _declared(case: Case, joint: str) -> bool:
-    """True if an effect of the simulator is some dry friction of a joint."""
-    return any(e.on == joint and effect(e.name).dry for e in added_effects(case))
-
-
-def ranges(case: Case, traits: FileTraits, name: str, joint: FileJoint) -> Iterator[Finding]:
+def _ranges(case: Case, traits: FileTraits, name: str, joint: FileJoint) -> Iterator[Finding]:
     """Findings where X asks of a joint more than the file lets it do."""
     for state, section in case.plant.states.items():
         if section.joint != name:
@@ -155,33 +136,26 @@ def ranges(case: Case, traits: FileTraits, name: str, joint: FileJoint) -> Itera
         if section.quantity == "position" and joint.range is not None and traits.stops:
             least, most = joint.range
             if least <= most and (lo < least or hi > most):
-                yield Finding(
-                    key, f"reaches beyond the range [{least:g}, {most:g}] of joint '{name}', where the engine stops it "
-                    "and the nominal model does not",
-                    "Keep X inside the range, with room for one step.",
-                )  # fmt: skip
+                problem = (
+                    f"reaches beyond the range [{least:g}, {most:g}] of joint '{name}', where the engine stops it "
+                    "and the nominal model does not"
+                )
+                yield Finding(key, problem, "Keep X inside the range, with room for one step.")
             elif least < most and any(to_stop(case, state, end) for end in joint.range):
-                yield Finding(
-                    key, f"comes within {_travel(case, state):.3g} of the stops at {least:g} and {most:g} of joint "
+                problem = (
+                    f"comes within {_travel(case, state):.3g} of the stops at {least:g} and {most:g} of joint "
                     f"'{name}', which is what it travels in one step at its fastest: the engine stops it there and the "
-                    "nominal model does not",
-                    "Keep X farther inside, or fewer speeds in X.",
-                )  # fmt: skip
+                    "nominal model does not"
+                )
+                yield Finding(key, problem, "Keep X farther inside, or fewer speeds in X.")
         if section.quantity != "velocity":
             continue
         if joint.velocity is not None and fastest > joint.velocity:
-            yield Finding(
-                key, (
-                    f"reaches {fastest:g}, joint '{name}' is limited to {joint.velocity:g}, but neither Drake nor "
-                    "the engine enforces that"
-                ),
-                "Keep X within it, or correct the file.",
-            )  # fmt: skip
+            problem = f"reaches {fastest:g}, joint '{name}' is limited to {joint.velocity:g}, {UNENFORCED}"
+            yield Finding(key, problem, "Keep X within it, or correct the file.")
         if traits.fastest is not None and fastest >= traits.fastest:
-            yield Finding(
-                key, f"reaches {fastest:g}, the engine limits every joint's speed to {traits.fastest:g}",
-                "Keep X below it.",
-            )  # fmt: skip
+            problem = f"reaches {fastest:g}, the engine limits every joint's speed to {traits.fastest:g}"
+            yield Finding(key, problem, "Keep X below it.")
 
 
 def to_stop(case: Case, state: str, end: float) -> bool:
@@ -198,18 +172,18 @@ def _travel(case: Case, state: str) -> float:
     return domain_of(case).tau * max((abs(v) for n in speeds for v in domain_of(case).X[n]), default=0.0)
 
 
-def efforts(case: Case, name: str, joint: FileJoint) -> Iterator[Finding]:
+UNENFORCED = "but neither Drake nor the engine enforces that"
+
+
+def _efforts(case: Case, name: str, joint: FileJoint) -> Iterator[Finding]:
     """Findings where U asks of a joint more than the file says that it takes."""
     for drive, section in case.plant.inputs.items():
         if section.joint == name and joint.effort is not None:
             most = float(np.abs(domain_of(case).U[drive].list()).max())
             if most > joint.effort:
-                yield Finding(
-                    f"domain.U.{drive}",
-                    f"reaches {most:g}, joint '{name}' is limited to {joint.effort:g}, but neither Drake nor the "
-                    "engine enforces that",
-                    "Keep U within it, or declare saturation in simulator.effects.",
-                )
+                problem = f"reaches {most:g}, joint '{name}' is limited to {joint.effort:g}, {UNENFORCED}"
+                remedy = "Keep U within it, or declare saturation in simulator.effects."
+                yield Finding(f"domain.U.{drive}", problem, remedy)
 
 
 def differs(a: Floats | float, b: Floats | float) -> bool:
@@ -218,7 +192,7 @@ def differs(a: Floats | float, b: Floats | float) -> bool:
     return bool(np.abs(np.asarray(a) - b).max() > SAME * size)
 
 
-def listed(values: Floats) -> str:
+def _list(values: Floats) -> str:
     """Numbers in brackets."""
     return "(" + ", ".join(f"{v:.4g}" for v in values) + ")"
 
@@ -301,7 +275,7 @@ def mjcf_findings(case: Case, folder: Path) -> list[Finding]:
     found = [*_options(case, model), *_touching(case, model), *_idle(model)]
     for name in joints:
         joint = _as_stated(model, name)
-        found += [*ranges(case, FileTraits(), name, joint), *efforts(case, name, joint)]
+        found += [*_ranges(case, FileTraits(), name, joint), *_efforts(case, name, joint)]
     if case.plant.urdf is not None:
         stated = read_model_file(folder / case.plant.urdf).joints
         nominal = load_of_nominal(case, folder / case.plant.urdf)
@@ -363,11 +337,8 @@ def _idle(model: Any) -> Iterator[Finding]:
     for k in range(model.nu):
         gear = float(model.actuator_gear[k, 0]) * float(model.actuator_gainprm[k, 0])
         if gear != 1.0:
-            yield Finding(
-                f"actuator '{model.actuator(k).name}'",
-                f"it makes {gear:g} of a command of 1, and idles: the inputs of the case are forces on joints",
-                "Give U in the joint's unit.",
-            )
+            problem = f"it makes {gear:g} of a command of 1, and idles: the inputs of the case are forces on joints"
+            yield Finding(f"actuator '{model.actuator(k).name}'", problem, "Give U in the joint's unit.")
 
 
 def _options(case: Case, model: Any) -> Iterator[Finding]:
@@ -375,32 +346,25 @@ def _options(case: Case, model: Any) -> Iterator[Finding]:
     tau, option, mujoco = domain_of(case).tau, model.opt, mjcf.require_mujoco()
     step = tau / case.simulator.substeps
     if differs(option.timestep, step):
-        yield Finding(
-            "simulator.substeps", f"the file steps by {option.timestep:g} s, the engine by tau/substeps = {step:g} s",
-            f"substeps: {max(1, round(tau / option.timestep))} is nearest to the file.",
-        )  # fmt: skip
+        problem = f"the file steps by {option.timestep:g} s, the engine by tau/substeps = {step:g} s"
+        remedy = f"substeps: {max(1, round(tau / option.timestep))} is nearest to the file."
+        yield Finding("simulator.substeps", problem, remedy)
     own, model_s = np.array(option.gravity), np.array([0.0, 0.0, -case.plant.gravity])
     if case.plant.urdf is not None and differs(own, model_s):
-        yield Finding(
-            "simulator.mjcf", f"its gravity is {listed(own)} m/s^2, the nominal model's {listed(model_s)}",
-            "Correct <option gravity>, or plant.gravity.",
-        )  # fmt: skip
+        problem = f"its gravity is {_list(own)} m/s^2, the nominal model's {_list(model_s)}"
+        yield Finding(mjcf.KEY, problem, "Correct <option gravity>, or plant.gravity.")
     if option.integrator != mujoco.mjtIntegrator.mjINT_EULER:
         name = mujoco.mjtIntegrator(option.integrator).name.removeprefix("mjINT_").lower()
-        yield Finding(
-            "simulator.mjcf", f"it integrates by {name}, as its <option> says", "That is used; nothing to do."
-        )
+        yield Finding(mjcf.KEY, f"it integrates by {name}, as its <option> says", "That is used; nothing to do.")
     if option.density or option.viscosity or np.any(option.wind):
-        yield Finding("simulator.mjcf", "its bodies move through a medium, which resists", LEARN.format("drag"))
+        yield Finding(mjcf.KEY, "its bodies move through a medium, which resists", LEARN.format("drag"))
     bits = [b for b in mujoco.mjtDisableBit.__members__.values() if b.name not in ("mjDSBL_AUTORESET", "mjNDISABLE")]
     off = [b.name.removeprefix("mjDSBL_").lower() for b in bits if option.disableflags & b.value]
     if off:
-        yield Finding("simulator.mjcf", f"its <flag> switches off: {', '.join(off)}", "Take it out if it is not meant.")
+        yield Finding(mjcf.KEY, f"its <flag> switches off: {', '.join(off)}", "Take it out if it is not meant.")
     if model.neq:
-        yield Finding(
-            "simulator.mjcf", f"it has {model.neq} equality constraints, the nominal model none",
-            "Take them out, unless that is the gap you want to measure.",
-        )  # fmt: skip
+        problem = f"it has {model.neq} equality constraints, the nominal model none"
+        yield Finding(mjcf.KEY, problem, "Take them out, unless that is the gap you want to measure.")
 
 
 def _touching(case: Case, model: Any) -> Iterator[Finding]:
@@ -408,12 +372,10 @@ def _touching(case: Case, model: Any) -> Iterator[Finding]:
     for x in mjcf.samples(case):
         data = mjcf.data_at_state(case, model, x)
         if data.ncon:
-            pair = [_shape(model, int(g[0])) for g in (data.contact.geom1, data.contact.geom2)]
+            pair = " and ".join(_shape(model, int(g[0])) for g in (data.contact.geom1, data.contact.geom2))
             place = ", ".join(f"{name} = {value:.3g}" for name, value in x.items())
-            yield Finding(
-                "simulator.mjcf", f"{pair[0]} and {pair[1]} touch at {place}, which pushes them apart",
-                'Give one of them contype="0" conaffinity="0", unless the contact is meant.',
-            )  # fmt: skip
+            remedy = 'Give one of them contype="0" conaffinity="0", unless the contact is meant.'
+            yield Finding(mjcf.KEY, f"{pair} touch at {place}, which pushes them apart", remedy)
             return
 
 
@@ -424,26 +386,25 @@ def _shape(model: Any, geom: int) -> str:
 
 
 def _body(name: str, own: Felt, nominal: Felt) -> Iterator[Finding]:
-    place = f"joint '{name}'"
+    key = f"joint '{name}'"
     if differs(own.mass, nominal.mass):
-        yield Finding(place, f"it moves {own.mass:g} kg in the file, {nominal.mass:g} kg in the plant's URDF", COVERED)
+        yield Finding(key, f"it moves {own.mass:g} kg in the file, {nominal.mass:g} kg in the plant's URDF", COVERED)
     if differs(own.inertia, nominal.inertia):
-        yield Finding(
-            place, f"it moves an inertia of {own.inertia:.4g} in the file, {nominal.inertia:.4g} in the plant's URDF, "
-            "both where all positions are 0, in SI units", COVERED,
-        )  # fmt: skip
+        problem = f"it moves an inertia of {own.inertia:.4g} in the file, {nominal.inertia:.4g} in the plant's URDF"
+        yield Finding(key, f"{problem}, both where all positions are 0, in SI units", COVERED)
     if differs(own.gravity, nominal.gravity):
         k = int(np.argmax(np.abs(own.gravity - nominal.gravity)))
-        yield Finding(
-            place, f"gravity pulls it by {own.gravity[k]:.4g} in the file and by {nominal.gravity[k]:.4g} in the "
-            "plant's URDF at the same position: another mass, place of it, axis or zero", COVERED,
-        )  # fmt: skip
+        problem = (
+            f"gravity pulls it by {own.gravity[k]:.4g} in the file and by {nominal.gravity[k]:.4g} in the plant's URDF "
+            "at the same position: another mass, place of it, axis or zero"
+        )
+        yield Finding(key, problem, COVERED)
 
 
 def _own_forces(case: Case, model: Any, name: str, damping: float) -> Iterator[Finding]:
     """Findings about what acts in a joint itself, with what the case adds to either side."""
     assert case.simulator is not None
-    joint = model.joint(name)
+    joint, place = model.joint(name), f"joint '{name}'"
     k = int(joint.dofadr[0])
     stated = (
         ("damps it by", "damping", float(model.dof_damping[k]), damping),
@@ -459,11 +420,11 @@ def _own_forces(case: Case, model: Any, name: str, damping: float) -> Iterator[F
             for value, effects in ((own, case.simulator.effects), (nominal, case.plant.effects))
         ]
         if own and differs(*sides):
-            yield Finding(f"joint '{name}'", f"the file {words} {own:g}, the nominal model has {sides[1]:g}",
-                          LEARN.format(known.name))  # fmt: skip
+            problem = f"the file {words} {own:g}, the nominal model has {sides[1]:g}"
+            yield Finding(place, problem, LEARN.format(known.name))
         elif nominal and differs(*sides):
-            yield Finding(f"joint '{name}'", f"the plant's URDF {words} {nominal:g}, the simulator has {sides[0]:g}",
-                          COVERED)  # fmt: skip
+            problem = f"the plant's URDF {words} {nominal:g}, the simulator has {sides[0]:g}"
+            yield Finding(place, problem, COVERED)
     if np.any(model.dof_dampingpoly[k]) or np.any(model.jnt_stiffnesspoly[joint.id]):
-        yield Finding(f"joint '{name}'", "the file gives it damping or a spring of higher order",
-                      LEARN.format("quadratic_drag or cubic_spring"))  # fmt: skip
+        remedy = LEARN.format("quadratic_drag or cubic_spring")
+        yield Finding(place, "the file gives it damping or a spring of higher order", remedy)
