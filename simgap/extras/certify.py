@@ -141,10 +141,8 @@ def header(what: Certified) -> dict[str, Any]:
             remedy="The closed loop and the audit are what checks it.",
         )
     if not isinstance(bound, LinearGap) and (reached is None or not isinstance(bound, BodyFrameGap)):
-        raise UserError(
-            "a certificate covers bounds that are linear in a basis, and this one is not", key="gap.bound",
-            remedy="Use gap.bound: scenario with a basis of terms, or constant.",
-        )  # fmt: skip
+        problem = "a certificate covers bounds that are linear in a basis, and this one is not"
+        raise UserError(problem, key="gap.bound", remedy="Use gap.bound: scenario with a basis of terms, or constant.")
     states, grid, known = bound.domain.states, solution.grid, what.known
     not_covered = [HARDWARE] if known is not None else [BLACK_BOX, HARDWARE]
     for j in sorted(grid.periodic):
@@ -283,10 +281,8 @@ def _task(context: Context, bound: SavedGap, gap: Path) -> Box | Reached:
 
 
 def _refused(what: str) -> UserError:
-    return UserError(
-        f"a certificate covers {what}", key="synthesis.specification",
-        remedy="The closed loop and the audit are what checks this case.",
-    )  # fmt: skip
+    remedy = "The closed loop and the audit are what checks this case."
+    return UserError(f"a certificate covers {what}", key="synthesis.specification", remedy=remedy)
 
 
 def results_of(folder: Path) -> tuple[Path, Path, Path]:

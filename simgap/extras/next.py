@@ -265,10 +265,9 @@ def _question(
 def _sets(document: Mapping[str, Any], found: Path) -> tuple[Explained, ...]:
     """The answer and what could not be told from it."""
     if "joints" in document:
-        raise UserError(
-            "an arm of three joints or more has no simulation to try inputs on", file=found / DIAGNOSIS,
-            remedy="Vary postures and speeds; docs/reference/effects.md says what each effect needs.",
-        )  # fmt: skip
+        problem = "an arm of three joints or more has no simulation to try inputs on"
+        remedy = "Vary postures and speeds; docs/reference/effects.md says what each effect needs."
+        raise UserError(problem, file=found / DIAGNOSIS, remedy=remedy)
     if not document["effects"]:
         raise UserError(
             f"the verdict is '{document['verdict']}', so there are no explanations to separate",
@@ -303,10 +302,9 @@ def _limits(context: Context, record: Record) -> tuple[Box, Floats, Floats]:
             ends[context.states.index(name)] = y[:, k].min() - room, y[:, k].max() + room
         span = np.stack([u[:, :own].min(axis=0), u[:, :own].max(axis=0)], axis=1)
     if not np.any(span[:, 1] > span[:, 0]):
-        raise UserError(
-            "no input has a range, so that there is nothing to try", file=context.path, key="domain.U",
-            remedy="Give the inputs a range (domain), or release the plant from other postures.",
-        )  # fmt: skip
+        problem = "no input has a range, so that there is nothing to try"
+        remedy = "Give the inputs a range (domain), or release the plant from other postures."
+        raise UserError(problem, file=context.path, key="domain.U", remedy=remedy)
     return Box(ends[:, 0], ends[:, 1]), span.mean(axis=1), 0.5 * (span[:, 1] - span[:, 0])
 
 
@@ -318,10 +316,8 @@ def _stamps(context: Context, record: Record, settings: DiagnosisSettings, secon
     length = seconds if seconds is not None else min(LONGEST_S, max(t.duration for t in record.traces))
     count = round(length / dt) + 1
     if count > MOST_SAMPLES:
-        raise UserError(
-            f"a recording of {length:.3g} s at {1 / dt:.4g} Hz is too long", key="--seconds",
-            remedy=f"Give at most {MOST_SAMPLES * dt:.3g} s.",
-        )  # fmt: skip
+        remedy = f"Give at most {MOST_SAMPLES * dt:.3g} s."
+        raise UserError(f"a recording of {length:.3g} s at {1 / dt:.4g} Hz is too long", key="--seconds", remedy=remedy)
     t = np.asarray(dt * np.arange(count))
     windows_to_come(record, settings, t)  # or it says why the diagnosis could not use it
     return t

@@ -185,11 +185,8 @@ class SymbolicModel:
         found = tuple(sp.sympify(e).subs(values) for e in self.xdot)
         for state, rate in zip(self.states, found, strict=True):
             if no_number(rate):
-                raise UserError(
-                    f"the rate of '{state.name}' is not a finite real number with the declared parameters",
-                    key="plant",
-                    remedy="Correct the parameters or the equation.",
-                )
+                problem = f"the rate of '{state.name}' is not a finite real number with the declared parameters"
+                raise UserError(problem, key="plant", remedy="Correct the parameters or the equation.")
         return found
 
     def with_parameter(self, name: str, parameter: Parameter) -> SymbolicModel:

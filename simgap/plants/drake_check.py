@@ -38,10 +38,9 @@ def symbolic_plant(model: SymbolicModel) -> Any:
 
     late = [name for name, seconds in model.delays.items() if seconds != 0]
     if late:
-        raise UserError(
-            f"the inputs {late} act with a delay, which a SymbolicVectorSystem does not have",
-            remedy="Leave the delay out and wire one before the system, such as Drake's DiscreteTimeDelay.",
-        )
+        problem = f"the inputs {late} act with a delay, which a SymbolicVectorSystem does not have"
+        remedy = "Leave the delay out and wire one before the system, such as Drake's DiscreteTimeDelay."
+        raise UserError(problem, remedy=remedy)
     states = [Variable(v.name) for v in model.states]
     inputs = [Variable(v.name) for v in model.inputs]
     symbols = [v.symbol for v in (*model.states, *model.inputs)]

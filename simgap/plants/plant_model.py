@@ -79,16 +79,12 @@ def _from_mass_matrix(written: SymbolicPlant, states: Sequence[str], parsed: Par
     """Columns of the inverse, after a look at what makes a mass matrix."""
     names, rows = list(written.coordinates), written.mass_matrix or ()
     if len(rows) != len(names) or any(len(row) != len(names) for row in rows):
-        raise UserError(
-            f"the mass matrix is not {len(names)} x {len(names)}",
-            key=_KEY, remedy=f"One row and column for each of the coordinates {names}.",
-        )  # fmt: skip
+        remedy = f"One row and column for each of the coordinates {names}."
+        raise UserError(f"the mass matrix is not {len(names)} x {len(names)}", key=_KEY, remedy=remedy)
     for name, c in written.coordinates.items():
         if c.force_gain is not None or c.force_map is not None:
-            raise UserError(
-                "with a mass matrix a coordinate has no force_gain and no force_map",
-                key=f"plant.symbolic.coordinates.{name}", remedy="Remove it.",
-            )  # fmt: skip
+            problem = "with a mass matrix a coordinate has no force_gain and no force_map"
+            raise UserError(problem, key=f"plant.symbolic.coordinates.{name}", remedy="Remove it.")
     matrix = sp.Matrix(len(names), len(names), lambda i, j: parsed(rows[i][j], f"{_KEY}.{i}.{j}"))
     positions = [c.position for c in written.coordinates.values()]
     _check_mass_matrix(written, matrix, positions)
@@ -266,11 +262,9 @@ def _check_units(section: PlantSection, written: SymbolicPlant) -> None:
     for name, parameter in written.parameters.items():
         check_unit(parameter.unit, f"plant.symbolic.parameters.{name}.unit")
         if parameter.value < 0.0 and dimension(parameter.unit) in map(dimension, ("kg", "kg*m^2")):
-            raise UserError(
-                f"a mass or an inertia of {parameter.value:g} {parameter.unit} is negative",
-                key=f"plant.symbolic.parameters.{name}.value",
-                remedy="No body has one; the sign of a product of inertia belongs into the equations.",
-            )
+            problem = f"a mass or an inertia of {parameter.value:g} {parameter.unit} is negative"
+            remedy = "No body has one; the sign of a product of inertia belongs into the equations."
+            raise UserError(problem, key=f"plant.symbolic.parameters.{name}.value", remedy=remedy)
     for name, c in written.coordinates.items():
         if c.force_unit is not None:
             check_unit(c.force_unit, f"plant.symbolic.coordinates.{name}.force_unit")

@@ -112,10 +112,8 @@ def multibody_plant(path: Path, gravity: tuple[float, float, float]) -> tuple[An
     )
     for joint in joints:
         if joint.type_name() not in ("revolute", "prismatic"):
-            raise UserError(
-                f"joint '{joint.name()}' is of type {joint.type_name()}", file=path,
-                remedy="Hinges (revolute, continuous) and slides (prismatic) are known.",
-            )  # fmt: skip
+            remedy = "Hinges (revolute, continuous) and slides (prismatic) are known."
+            raise UserError(f"joint '{joint.name()}' is of type {joint.type_name()}", file=path, remedy=remedy)
     return plant, [j.name() for j in joints]
 
 

@@ -198,17 +198,12 @@ def _check_tree(path: Path, joints: Mapping[str, ElementTree.Element]) -> None:
 
 def _root(path: Path) -> ElementTree.Element:
     if not reading.is_file(path):
-        raise UserError(
-            "the model file does not exist",
-            file=path,
-            remedy="Correct its path (`plant.urdf` of a case, `--urdf` of `simgap new`).",
-        )
+        remedy = "Correct its path (`plant.urdf` of a case, `--urdf` of `simgap new`)."
+        raise UserError("the model file does not exist", file=path, remedy=remedy)
     robot = reading.read_xml(path)
     if robot.tag != "robot":
-        raise UserError(
-            f"the root element is <{excerpt(robot.tag, 40)}>, not <robot>", file=path,
-            remedy=_FORMATS.get(robot.tag, "A URDF begins with <robot>."),
-        )  # fmt: skip
+        problem = f"the root element is <{excerpt(robot.tag, 40)}>, not <robot>"
+        raise UserError(problem, file=path, remedy=_FORMATS.get(robot.tag, "A URDF begins with <robot>."))
     for element in robot.iter():
         filled = next((v for v in element.attrib.values() if "${" in v or "$(" in v), None)
         if element.tag.startswith("xacro:") or filled is not None:
@@ -413,10 +408,8 @@ def check_units(section: PlantSection, types: Mapping[str, str], file: str) -> N
             kind = types.get(owner.joint, "fixed")
             if kind == "fixed":
                 moving = ", ".join(n for n, other in types.items() if other != "fixed") or "none"
-                raise UserError(
-                    f"{file} has no moving joint '{owner.joint}'", key=f"plant.{group}.{name}.joint",
-                    remedy=f"Moving joints: {moving}.",
-                )  # fmt: skip
+                problem = f"{file} has no moving joint '{owner.joint}'"
+                raise UserError(problem, key=f"plant.{group}.{name}.joint", remedy=f"Moving joints: {moving}.")
             wanted = (_SLIDES if kind == "prismatic" else _TURNS).get(getattr(owner, "quantity", "force"))
             if wanted is not None:
                 require_unit(owner.unit, wanted, f"plant.{group}.{name}.unit")

@@ -177,10 +177,8 @@ def check_lagged(case: Case) -> list[str]:
     lags = [s.lag_of for s in case.plant.states.values() if s.lag_of is not None]
     if not set(lags) <= {e.on for e in added_effects(case) if effect(e.name).memory_state(e.on) is not None}:
         slow = sorted({e.name for e in case.plant.effects if effect(e.name).memory_state(e.on) is not None})
-        raise UserError(
-            "a lagged input is a state of the plant, but does not lag in the simulator", key="simulator.effects",
-            remedy=f"Add {slow} there too, or remove the state.",
-        )  # fmt: skip
+        problem = "a lagged input is a state of the plant, but does not lag in the simulator"
+        raise UserError(problem, key="simulator.effects", remedy=f"Add {slow} there too, or remove the state.")
     return lags
 
 

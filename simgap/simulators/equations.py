@@ -121,10 +121,8 @@ class EquationsEngine(Engine):
 
 
 def _too_large(key: str) -> UserError:
-    return UserError(
-        "the map over tau has too many operations to enclose its gap", key=key,
-        remedy="Set simulator.slopes: sampled, or use fewer substeps or a simpler integrator.",
-    )  # fmt: skip
+    remedy = "Set simulator.slopes: sampled, or use fewer substeps or a simpler integrator."
+    return UserError("the map over tau has too many operations to enclose its gap", key=key, remedy=remedy)
 
 
 def _section(case: Case) -> EquationsSettings:
@@ -155,10 +153,8 @@ def _substep(case: Case, folder: Path, effects: Sequence[AddedEffect] | None = N
     if section.equations is not None:
         own = [n for n, state in case.plant.states.items() if state.lag_of is None]
         if set(section.equations.dynamics) != set(own):
-            raise UserError(
-                f"dynamics are given for {sorted(section.equations.dynamics)}, states are {sorted(own)}",
-                key="simulator.equations.dynamics",
-            )
+            problem = f"dynamics are given for {sorted(section.equations.dynamics)}, states are {sorted(own)}"
+            raise UserError(problem, key="simulator.equations.dynamics")
         changes |= {"urdf": None, "symbolic": section.equations}
     elif section.urdf is not None:
         changes |= {"urdf": section.urdf, "symbolic": None}
@@ -177,10 +173,8 @@ def _other_values(equations: object, values: dict[str, float]) -> SymbolicPlant:
     known = getattr(equations, "parameters", {})
     unknown = sorted(set(values) - set(known))
     if unknown or not isinstance(equations, SymbolicPlant):
-        raise UserError(
-            f"the equations have no parameter called {', '.join(unknown)}",
-            key="simulator.parameters",
-            remedy=f"They have {', '.join(known) or 'none; a URDF takes simulator.effects (parameter_error)'}.",
-        )
+        problem = f"the equations have no parameter called {', '.join(unknown)}"
+        remedy = f"They have {', '.join(known) or 'none; a URDF takes simulator.effects (parameter_error)'}."
+        raise UserError(problem, key="simulator.parameters", remedy=remedy)
     changed = {name: known[name].model_copy(update={"value": value}) for name, value in values.items()}
     return equations.model_copy(update={"parameters": {**known, **changed}})

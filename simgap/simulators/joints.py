@@ -103,11 +103,9 @@ def joint_forces(plant: JointPlant, effects: Sequence[AddedEffect]) -> Forces | 
             k = plant.joints.index(added.on)
             extra[k] += kind.force(q[k], v[k], values)
         elif not (isinstance(kind, StaticInputEffect | DriveEffect) and added.on in plant.input_names):
-            raise UserError(
-                f"the simulator cannot apply '{added.name}' on '{added.on}' at each step",
-                key=f"simulator.effects.{number}.on",
-                remedy=f"It takes forces on {list(plant.joints)} and changes of {list(plant.input_names)}.",
-            )
+            problem = f"the simulator cannot apply '{added.name}' on '{added.on}' at each step"
+            remedy = f"It takes forces on {list(plant.joints)} and changes of {list(plant.input_names)}."
+            raise UserError(problem, key=f"simulator.effects.{number}.on", remedy=remedy)
     forces = []
     for k, drive in enumerate(plant.inputs):
         given = [command_after(effects, plant.input_names[i], applied[i], v[k]) for i in drive]

@@ -70,11 +70,9 @@ class MuJoCoModel:
         """
         names = [n for n, bad in zip(("position", "velocity", "acceleration"), self._bad, strict=True) if bad]
         at = ", ".join(f"{name} = {value:.9g}" for name, value in where)
-        return UserError(
-            f"the engine '{engine}' diverges (no number, or beyond 1e10: {', '.join(names)}), at {at}",
-            key="simulator.substeps",
-            remedy="Take more substeps, weaker effects or contacts, or leave the place out of domain.X and domain.U.",
-        )
+        problem = f"the engine '{engine}' diverges (no number, or beyond 1e10: {', '.join(names)}), at {at}"
+        remedy = "Take more substeps, weaker effects or contacts, or leave the place out of domain.X and domain.U."
+        return UserError(problem, key="simulator.substeps", remedy=remedy)
 
 
 def _silent(text: str) -> None:
@@ -109,20 +107,16 @@ def read_mjcf(path: Path) -> Any:
     named = dict(named_by(path))
     for name, place in named.items():
         if not inside(path, place):
-            raise UserError(
-                f"'{excerpt(name, 60)}' lies outside the model's folders", file=path,
-                remedy=f"Put it beside the model, or trust it: set {TRUST}=1.",
-            )  # fmt: skip
+            remedy = f"Put it beside the model, or trust it: set {TRUST}=1."
+            raise UserError(f"'{excerpt(name, 60)}' lies outside the model's folders", file=path, remedy=remedy)
     with loading("MuJoCo", path):
         model = mujoco.MjModel.from_xml_path(str(path))
     known = {reading.real(place) for place in (path, *named.values())}
     needed = [Path(p) for p in mujoco.mju_getXMLDependencies(str(path)) if reading.is_file(Path(p))]
     unseen = [p for p in needed if reading.real(p) not in known]
     if unseen:
-        raise UserError(
-            f"it depends on {excerpt(unseen[0], 80)} in a way that is not seen: an edit of it would rerun nothing",
-            file=path, remedy="Name it by <include>, or by the `file` of an asset.",
-        )  # fmt: skip
+        problem = f"it depends on {excerpt(unseen[0], 80)} in a way that is not seen: an edit of it would rerun nothing"
+        raise UserError(problem, file=path, remedy="Name it by <include>, or by the `file` of an asset.")
     return model
 
 
@@ -131,10 +125,8 @@ def _check_root(path: Path) -> None:
         raise UserError("the model file does not exist", file=path, key=KEY, remedy="Correct its path.")
     root = reading.read_xml(path)
     if root.tag != "mujoco":
-        raise UserError(
-            f"the root element is <{excerpt(root.tag, 40)}>, not <mujoco>", file=path, key=KEY,
-            remedy="A URDF is given as simulator.urdf.",
-        )  # fmt: skip
+        problem = f"the root element is <{excerpt(root.tag, 40)}>, not <mujoco>"
+        raise UserError(problem, file=path, key=KEY, remedy="A URDF is given as simulator.urdf.")
 
 
 def check_mjcf(case: Case, folder: Path) -> Any:
@@ -157,10 +149,9 @@ def check_mjcf(case: Case, folder: Path) -> Any:
     _check_roles(case)
     others = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS) - 1 - model.nq - model.nv
     if others:
-        raise UserError(
-            f"beside positions and velocities the file has {others} states, as of an actuator's filter or a delay",
-            file=path, remedy="Remove them, and declare input_lag or input_delay in simulator.effects.",
-        )  # fmt: skip
+        problem = f"beside positions and velocities the file has {others} states, as of an actuator's filter or a delay"
+        remedy = "Remove them, and declare input_lag or input_delay in simulator.effects."
+        raise UserError(problem, file=path, remedy=remedy)
     _check_unseen(path, model)
     _check_actuators(case, path, model)
     return model
@@ -170,20 +161,17 @@ def _check_unseen(path: Path, model: Any) -> None:
     """Refuse what moves the joints and is neither compared with the plant nor known to the samples."""
     motors = [getattr(model, name) for name in ("actuator_armature", "actuator_damping") if hasattr(model, name)]
     if model.ntendon or any(np.any(values) for values in motors):
-        raise UserError(
-            "it has tendons, or motors with an armature or damping, which are compared with nothing", file=path,
-            remedy="Give these to the joints, or take them out.",
-        )  # fmt: skip
+        problem = "it has tendons, or motors with an armature or damping, which are compared with nothing"
+        raise UserError(problem, file=path, remedy="Give these to the joints, or take them out.")
 
 
 def _check_joint(path: Path, name: str, kind: str | None) -> None:
     if not name:
         raise UserError("a joint has no name", file=path, remedy="Name every joint.")
     if kind is None:
-        raise UserError(
-            "a joint of more than one degree of freedom", file=path, key=f"joint '{excerpt(name, 40)}'",
-            remedy="Weld the body by taking it out, or write it as hinges and slides.",
-        )  # fmt: skip
+        problem = "a joint of more than one degree of freedom"
+        remedy = "Weld the body by taking it out, or write it as hinges and slides."
+        raise UserError(problem, file=path, key=f"joint '{excerpt(name, 40)}'", remedy=remedy)
 
 
 def _check_states(case: Case, path: Path, joint: str) -> None:
@@ -202,10 +190,9 @@ def _check_roles(case: Case) -> None:
     states = {n: s for n, s in case.plant.states.items() if s.lag_of is None and None in (s.quantity, s.joint)}
     inputs = [n for n, drive in case.plant.inputs.items() if drive.joint is None]
     for key in (*(f"states.{name}" for name in states), *(f"inputs.{name}" for name in inputs)):
-        raise UserError(
-            "the file does not know it: it has no joint, or no quantity of one", key=f"plant.{key}",
-            remedy="Write {joint: NAME, quantity: position or velocity}, for an input {joint: NAME}.",
-        )  # fmt: skip
+        problem = "the file does not know it: it has no joint, or no quantity of one"
+        remedy = "Write {joint: NAME, quantity: position or velocity}, for an input {joint: NAME}."
+        raise UserError(problem, key=f"plant.{key}", remedy=remedy)
 
 
 def samples(case: Case) -> list[dict[str, float]]:
@@ -237,8 +224,6 @@ def _check_actuators(case: Case, path: Path, model: Any) -> None:
         force = data_at_state(case, model, x).actuator_force
         if force.any():
             name = model.actuator(int(np.flatnonzero(force)[0])).name
-            raise UserError(
-                "it works without a command, against the inputs of the case, which are forces on joints",
-                file=path, key=f"actuator '{excerpt(name, 40)}'",
-                remedy="Take it out, or make it a <motor>: a servo loop belongs into the controller.",
-            )  # fmt: skip
+            problem = "it works without a command, against the inputs of the case, which are forces on joints"
+            remedy = "Take it out, or make it a <motor>: a servo loop belongs into the controller."
+            raise UserError(problem, file=path, key=f"actuator '{excerpt(name, 40)}'", remedy=remedy)

@@ -276,10 +276,9 @@ def friction_of(urdf: Path, root: str) -> dict[str, float]:
         value = number_of(text or "")
         if not 0.0 <= value <= 1.0:
             what = "states no friction" if text is None else f"has the lateral friction {excerpt(text, 40)}"
-            raise UserError(
-                f"it touches the floor and {what}", file=urdf, key=f"link '{name}': <lateral_friction>",
-                remedy='Give <contact><lateral_friction value="..."/></contact>, 0 to 1; 0 for a caster that slides.',
-            )  # fmt: skip
+            problem = f"it touches the floor and {what}"
+            remedy = 'Give <contact><lateral_friction value="..."/></contact>, 0 to 1; 0 for a caster that slides.'
+            raise UserError(problem, file=urdf, key=f"link '{name}': <lateral_friction>", remedy=remedy)
         found[name] = value
     return found
 

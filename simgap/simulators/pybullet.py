@@ -217,11 +217,9 @@ class PyBulletWheeled(WheeledEngine):
         without_mass(p, p._client, body, self._plant.urdf)
         grip = max(p.getDynamicsInfo(body, link)[1] for link in (-1, *index.values()))
         if grip > 1.0:  # how far a path may stray between poses counts on the floor's friction alone
-            raise UserError(
-                f"a link has the lateral friction {grip:g}; what the floor gives is multiplied by it",
-                file=self._plant.urdf, key="<lateral_friction>",
-                remedy="State at most 1 there and the rest in simulator.floor_friction.",
-            )  # fmt: skip
+            problem = f"a link has the lateral friction {grip:g}; what the floor gives is multiplied by it"
+            remedy = "State at most 1 there and the rest in simulator.floor_friction."
+            raise UserError(problem, file=self._plant.urdf, key="<lateral_friction>", remedy=remedy)
         p.setCollisionFilterPair(body, floor, -1, -1, 0)  # the body hangs clear of the floor; asking costs a third
         if s.payload:
             mass, _, inertia = p.getDynamicsInfo(body, -1)[:3]

@@ -79,11 +79,9 @@ def _engine(case: Case, folder: Path) -> type[Engine]:
     for k, added in enumerate(section.effects):
         if not engine.acts_out(effect(added.name)):
             known = ", ".join(name for name, kind in EFFECTS.items() if engine.acts_out(kind)) or "none"
-            raise UserError(
-                f"the simulator cannot simulate '{added.name}'",
-                key=f"simulator.effects.{k}.name",
-                remedy=f"It supports: {known}. Without it gamma does not cover hardware that has the effect.",
-            )
+            problem = f"the simulator cannot simulate '{added.name}'"
+            remedy = f"It supports: {known}. Without it gamma does not cover hardware that has the effect."
+            raise UserError(problem, key=f"simulator.effects.{k}.name", remedy=remedy)
     return engine
 
 
@@ -120,11 +118,8 @@ def follow(jobs: Sequence[tuple[Case, Sequence[Floats], Sequence[Floats]]], fold
 def _robot(case: Case, folder: Path) -> Iterator[PathSimulator]:
     with make_simulator(case, folder) as simulator:
         if not isinstance(simulator, PathSimulator):
-            raise UserError(
-                "the engine records no poses between samples, which a hidden state needs",
-                key="simulator.engine",
-                remedy="Use one that does, such as pybullet_wheeled.",
-            )
+            problem = "the engine records no poses between samples, which a hidden state needs"
+            raise UserError(problem, key="simulator.engine", remedy="Use one that does, such as pybullet_wheeled.")
         yield simulator
 
 

@@ -113,10 +113,8 @@ class Unit:
         kinds = {"2": FMU2Slave, "3": FMU3Slave}
         self.fmi, self.model, self._path = str(about.fmiVersion), str(about.modelName), path
         if about.coSimulation is None or self.fmi[0] not in kinds:
-            raise UserError(
-                f"is FMI {self.fmi} {'without' if about.coSimulation is None else 'with'} co-simulation", file=path,
-                key=KEY, remedy="Export it as FMI 2 or 3 for co-simulation.",
-            )  # fmt: skip
+            problem = f"is FMI {self.fmi} {'without' if about.coSimulation is None else 'with'} co-simulation"
+            raise UserError(problem, file=path, key=KEY, remedy="Export it as FMI 2 or 3 for co-simulation.")
         self._variables = {v.name: v for v in about.modelVariables}
         self._folder, self._lock = _place()
         fmpy.extract(str(path), str(self._folder))
@@ -140,10 +138,8 @@ class Unit:
         found = self._variables.get(name)
         if found is None or found.type not in REAL or found.dimensions:
             known = [v.name for v in self._variables.values() if v.type in REAL and not v.dimensions]
-            raise UserError(
-                f"the FMU has no real variable '{excerpt(name, 60)}'", file=self._path, key=key,
-                remedy=f"It has: {excerpt(', '.join(known), 300)}.",
-            )  # fmt: skip
+            problem = f"the FMU has no real variable '{excerpt(name, 60)}'"
+            raise UserError(problem, file=self._path, key=key, remedy=f"It has: {excerpt(', '.join(known), 300)}.")
         stated = found.unit or getattr(found.declaredType, "unit", None)
         if unit is None or not stated:
             return
@@ -212,10 +208,8 @@ class Unit:
         except UserError:
             raise
         except Exception as error:
-            raise UserError(
-                f"{what}: {_said(error)}", file=self._path, key=KEY,
-                remedy="Try it in FMPy (`fmpy simulate`), and exclude what it cannot do from domain.X and domain.U.",
-            ) from None  # fmt: skip
+            remedy = "Try it in FMPy (`fmpy simulate`), and exclude what it cannot do from domain.X and domain.U."
+            raise UserError(f"{what}: {_said(error)}", file=self._path, key=KEY, remedy=remedy) from None
 
     def close(self) -> None:
         """Free the instance, and remove what was unpacked."""
@@ -325,11 +319,9 @@ class FmuEngine(Engine):
         off = np.abs(found - x) > STARTS * np.maximum(1.0, np.abs(x))
         if off.any():
             k = int(np.argmax(off))
-            raise UserError(
-                f"set to begin at {self._names[0][k]} = {x[k]:g}, the FMU begins at {found[k]:g}",
-                key=f"simulator.starts.{self._names[0][k]}",
-                remedy="Name the variable or parameter that sets its start.",
-            )
+            problem = f"set to begin at {self._names[0][k]} = {x[k]:g}, the FMU begins at {found[k]:g}"
+            remedy = "Name the variable or parameter that sets its start."
+            raise UserError(problem, key=f"simulator.starts.{self._names[0][k]}", remedy=remedy)
 
     def advance(self, u: Floats) -> Floats:
         """Hold u (nu,) for tau: -> (nx,).

@@ -41,10 +41,8 @@ def windows_to_come(record: Record, settings: DiagnosisSettings, t: Floats) -> t
     windows, folds = _to_come(record, settings, t)
     tells = folds[0] | folds[1]
     if not tells.any():
-        raise UserError(
-            f"a recording of {t[-1] - t[0]:.3g} s is too short to separate explanations",
-            key="--seconds", remedy=f"Give more, such as {2.0 * settings.window_s:.3g} s.",
-        )  # fmt: skip
+        problem = f"a recording of {t[-1] - t[0]:.3g} s is too short to separate explanations"
+        raise UserError(problem, key="--seconds", remedy=f"Give more, such as {2.0 * settings.window_s:.3g} s.")
     return windows, tells
 
 
