@@ -197,12 +197,13 @@ def ask(question: Question, rng: np.random.Generator, tell: Callable[[str], None
     hidden = beside(question.model, question.record, question.settings, question.sets[0], known) if several else None
     benches = [question.bench(known, row) for row in question.conditions]
     proposal = propose(benches, known.rivals, rng, tell, beside=hidden)
-    bench, longest = benches[proposal.bench], None
+    longest = None
     if question.brief and hidden is not None and proposal.best is not None and proposal.sure >= CONFIDENCE:
         tell("looking for the shortest recording that is enough")
         less = _shorter(question, known, proposal, hidden, rng, tell)
         if less is not None:
-            longest, (proposal, bench) = proposal, less
+            longest, proposal = proposal, less
+    bench = proposal.best.bench if proposal.best is not None else benches[0]
     remedy = None
     open_ = proposal.sure < WANTED or proposal.alike()
     if several and proposal.best is not None and open_:
@@ -213,22 +214,19 @@ def ask(question: Question, rng: np.random.Generator, tell: Callable[[str], None
     return Advice(known, proposal, bench, remedy, longest)
 
 
-_Found = tuple[InputProposal, Bench]
-
-
 def _shorter(
     question: Question, known: KnownRivals, whole: InputProposal, hidden: Beside, rng: np.random.Generator,
     tell: Callable[[str], None],
-) -> _Found | None:  # fmt: skip
-    """The shortest recording that is enough, and its bench; None if only the whole one is."""
+) -> InputProposal | None:  # fmt: skip
+    """The shortest recording that is enough; None if only the whole one is."""
 
-    def at(count: int) -> _Found | None:
+    def at(count: int) -> InputProposal | None:
         if not as_usable(question.record, question.settings, question.t, count):
             return None
         benches = [question.bench(known, row, count) for row in question.conditions]
         found = propose(benches, known.rivals, rng, tell, beside=hidden, counted=whole.counted)
         enough = found.best is not None and found.sure >= CONFIDENCE and found.shown >= AS_MUCH * whole.shown
-        return (found, benches[found.bench]) if enough else None
+        return found if enough else None
 
     return shortest(len(question.t), halves(len(question.t)), at)
 

@@ -143,12 +143,13 @@ class Try:
     """One input.
 
     Attributes:
-        name: of its family; wave: (n, m); u: (n, m + c) as the plant feels it.
+        bench: on which it was tried; name: of its family; wave: (n, m); u: (n, m + c) as the plant feels it.
         score: what is made large; d: (r, r) of `Bench.parts`, with the answer alone its standard errors (p,).
         states, readings: of each rival, (n, nx) and (n, k).
         hidden: (e, e + 1) of `Beside.told`; None where nothing is sought beside.
     """
 
+    bench: Bench
     name: str
     wave: Floats
     u: Floats
@@ -172,7 +173,7 @@ class InputProposal:
     """The best input.
 
     Attributes:
-        best: the try; bench: the place of its bench among those given.
+        best: the try; None where every one leaves the range of the plant.
         tried: how many there were; left: how many would have left the range of the plant.
         sure: the least probability, over the pairs that count, that the right one is told from the other.
         shown: the share of what may hide beside the answer that the recording would show and name.
@@ -180,17 +181,16 @@ class InputProposal:
     """
 
     best: Try | None
-    bench: int
     tried: int
     left: int
     sure: float
     shown: float
     counted: Counted
 
-    def closest(self, rivals: Sequence[Rival], bench: Bench) -> tuple[int, int]:
+    def closest(self, rivals: Sequence[Rival]) -> tuple[int, int]:
         """The pair that the best input tells least surely: the right one and the other."""
         assert self.best is not None
-        z = np.where(self.counted.rivals, margins(self.best.d, rivals, bench), np.inf)
+        z = np.where(self.counted.rivals, margins(self.best.d, rivals, self.best.bench), np.inf)
         a, b = np.unravel_index(int(np.argmin(z)), z.shape)
         return int(a), int(b)
 
@@ -218,62 +218,56 @@ def propose(
         beside: what may hide beside the first of them.
         counted: the pairs that count; those that some input tells apart if not given.
     """
-    found: list[tuple[int, Try]] = []
-    count = left = 0
-    for k, bench in enumerate(benches):
-        for wave in _sized(bench, rng, SHARES[:1] if few else SHARES):
-            count += 1
-            attempt = _fitting(bench, rivals, wave, beside)
-            if attempt is None:
-                left += 1
-            else:
-                found.append((k, attempt))
+    found: list[Try] = []
+    count = 0
+    for bench in benches:
+        for wave in waves(bench.t, len(bench.reach), rng):
+            for size in SHARES[:1] if few else SHARES:
+                count += 1
+                attempt = _fitting(bench, rivals, Wave(wave.name, size * wave.u), beside)
+                found += [attempt] if attempt is not None else []
         tell(f"{count} inputs tried")
+    left = count - len(found)
     if not found:
         nothing = Counted(np.ones((len(rivals), len(rivals)), dtype=bool), np.zeros((0, 1), dtype=bool))
-        return InputProposal(None, 0, count, left, 0.0, 0.0, nothing)
-    counted = counted or _told(found, rivals, benches)
-    found = [(k, replace(a, score=_score(a, rivals, benches[k], counted))) for k, a in found]
-    found.sort(key=lambda pair: -pair[1].score)
-    best = found[:BEST]
+        return InputProposal(None, count, left, 0.0, 0.0, nothing)
+    counted = counted or _told(found, rivals)
+    best = sorted((replace(a, score=_score(a, rivals, counted)) for a in found), key=lambda a: -a.score)[:BEST]
     for k in range(0 if few else ROUNDS):
-        if best[0][1].score >= ENOUGH * (1.0 + (beside is not None)):
+        if best[0].score >= ENOUGH * (1.0 + (beside is not None)):
             break
-        where, parent = best[k % len(best)]
-        attempt = tried(benches[where], rivals, _changed(parent, best[0][1], benches[where].t, rng), beside)
+        parent = best[k % len(best)]
+        attempt = tried(parent.bench, rivals, _changed(parent, best[0], rng), beside)
         count += 1
-        if attempt is not None:
-            attempt = replace(attempt, score=_score(attempt, rivals, benches[where], counted))
-        if attempt is not None and attempt.score > parent.score:
-            best[k % len(best)] = where, attempt
-            best.sort(key=lambda pair: -pair[1].score)
-    where, top = best[0]
-    certain = sure(top.d, rivals, benches[where], counted)
-    return InputProposal(top, where, count, left, certain, shown(top, counted), counted)
+        if attempt is not None and (score := _score(attempt, rivals, counted)) > parent.score:
+            best[k % len(best)] = replace(attempt, score=score)
+            best.sort(key=lambda a: -a.score)
+    certain = 1.0 if len(rivals) == 1 else float(norm.cdf(_least(best[0], rivals, counted)))
+    return InputProposal(best[0], count, left, certain, shown(best[0], counted), counted)
 
 
-def _told(found: Sequence[tuple[int, Try]], rivals: Sequence[Rival], benches: Sequence[Bench]) -> Counted:
+def _told(found: Sequence[Try], rivals: Sequence[Rival]) -> Counted:
     """Pairs that some input tells more likely than not, whichever is right; all rivals, where none is."""
     best = np.full((len(rivals), len(rivals)), -np.inf)
-    for k, a in found if len(rivals) > 1 else ():
-        z = margins(a.d, rivals, benches[k])
+    for a in found if len(rivals) > 1 else ():
+        z = margins(a.d, rivals, a.bench)
         best = np.maximum(best, np.minimum(z, z.T))
     told = best > 0.0
     told = told if np.any(told & ~np.eye(len(rivals), dtype=bool)) else np.ones_like(told)
-    hidden = [a.hidden for _, a in found if a.hidden is not None]
+    hidden = [a.hidden for a in found if a.hidden is not None]
     return Counted(told, np.max(hidden, axis=0) > 0.5 if hidden else np.zeros((0, 1), dtype=bool))
 
 
-def _score(a: Try, rivals: Sequence[Rival], bench: Bench, counted: Counted) -> float:
+def _score(a: Try, rivals: Sequence[Rival], counted: Counted) -> float:
     """Objective of the search: how sure the pairs that count are told apart, and what would show beside the answer."""
     if len(rivals) == 1:
         return a.score
-    z = _least(a.d, rivals, bench, counted)
+    z = _least(a, rivals, counted)
     return float(norm.cdf(z)) + min(z, 0.0) + shown(a, counted)
 
 
-def _least(d: Floats, rivals: Sequence[Rival], bench: Bench, counted: Counted) -> float:
-    return float(np.where(counted.rivals, margins(d, rivals, bench), np.inf).min())
+def _least(a: Try, rivals: Sequence[Rival], counted: Counted) -> float:
+    return float(np.where(counted.rivals, margins(a.d, rivals, a.bench), np.inf).min())
 
 
 def shown(a: Try, counted: Counted) -> float:
@@ -282,12 +276,6 @@ def shown(a: Try, counted: Counted) -> float:
         return 1.0
     least = np.where(counted.hidden, a.hidden, 1.0).min(axis=1)
     return float(np.mean(least[counted.hidden.any(axis=1)]))
-
-
-def _sized(bench: Bench, rng: np.random.Generator, sizes: Sequence[float]) -> Iterator[Wave]:
-    for wave in waves(bench.t, len(bench.reach), rng):
-        for size in sizes:
-            yield Wave(wave.name, size * wave.u)
 
 
 def _fitting(bench: Bench, rivals: Sequence[Rival], wave: Wave, beside: Beside | None) -> Try | None:
@@ -314,7 +302,7 @@ def tried(bench: Bench, rivals: Sequence[Rival], wave: Wave, beside: Beside | No
         errors = bench.errors(states[0], readings[0], u, only)
         before = np.sqrt(np.diag(np.linalg.pinv(only.information, hermitian=True)) * bench.excess)
         score = float(np.min(before / np.maximum(errors, 1e-300)))  # the number that gains least
-        return Try(wave.name, wave.u, u, score, errors, states, readings)
+        return Try(bench, wave.name, wave.u, u, score, errors, states, readings)
     d = np.zeros((len(rivals), len(rivals)))
     for a in range(len(rivals)):
         for b in range(len(rivals)):
@@ -323,12 +311,12 @@ def tried(bench: Bench, rivals: Sequence[Rival], wave: Wave, beside: Beside | No
     hidden = None
     if beside is not None:
         hidden = beside.told(beside.missed(bench, states[0], readings[0], u), bench)
-    return Try(wave.name, wave.u, u, float(margins(d, rivals, bench).min()), d, states, readings, hidden)
+    return Try(bench, wave.name, wave.u, u, float(margins(d, rivals, bench).min()), d, states, readings, hidden)
 
 
-def _changed(parent: Try, other: Try, t: Floats, rng: np.random.Generator) -> Wave:
+def _changed(parent: Try, other: Try, rng: np.random.Generator) -> Wave:
     """A wave near a good one: a part of another, one more multisine, another size, the halves of two."""
-    kind, m = rng.integers(4), parent.wave.shape[1]
+    kind, m, t = rng.integers(4), parent.wave.shape[1], parent.bench.t
     if kind == 0:
         share = rng.uniform(0.2, 0.8)
         return Wave(parent.name, share * parent.wave + (1.0 - share) * other.wave[::-1])
@@ -340,11 +328,6 @@ def _changed(parent: Try, other: Try, t: Floats, rng: np.random.Generator) -> Wa
         return Wave(parent.name, np.clip(parent.wave * rng.uniform(0.6, 1.8), -1.0, 1.0))
     half = len(t) // 2
     return Wave(parent.name, np.concatenate([parent.wave[:half], other.wave[half:]]))
-
-
-def sure(d: Floats, rivals: Sequence[Rival], bench: Bench, counted: Counted) -> float:
-    """The least probability, over the pairs that count, that the right one is told from the other; 1 for one alone."""
-    return 1.0 if len(rivals) == 1 else float(norm.cdf(_least(d, rivals, bench, counted)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -405,14 +388,14 @@ def _shapes(t: Floats, rng: np.random.Generator) -> Iterator[tuple[str, Floats]]
     yield "a multisine that grows", decay[::-1] * multisine(t, 1.0, 0.2, min(3.0, max(top, 0.3)), rng)
 
 
-def missed(bench: Bench, best: Try, rivals: Sequence[Rival], right: int, wrong: int) -> Floats:
+def missed(best: Try, rivals: Sequence[Rival], right: int, wrong: int) -> Floats:
     """Error that a wrong explanation would leave of a recording, fitted to it in full and not linearised.
 
     Residuals over the noise, (n, k), of the wrong one on the recording to come alone, if the right one is right.
     """
-    problem, x0 = bench.recorded(best.states[right], best.readings[right], best.u, whole=True)
+    problem, x0 = best.bench.recorded(best.states[right], best.readings[right], best.u, whole=True)
     other = rivals[wrong]
     ends = fit(problem, other.theta, x0, other.slots, dict(zip(other.slots, other.steps, strict=True)))
     left = np.full_like(best.readings[right], np.nan)
-    left[problem.samples] = problem.residuals(ends.theta, ends.x0) / np.sqrt(bench.excess)
+    left[problem.samples] = problem.residuals(ends.theta, ends.x0) / np.sqrt(best.bench.excess)
     return left
