@@ -64,7 +64,9 @@ def document(
         **shared(found, reading, look, error, folds),
         "sentences": [],
         "number_from": NUMBER_FROM,
-        "candidates": [_candidate(c) for c in found.candidates],
+        "candidates": [
+            asdict(c) | {"score": c.bic_gain if c.bic_gain is not None else c.chi2_drop} for c in found.candidates
+        ],
         "steps": found.steps,
         **_judgement(found),
         "noise": found.sigma,
@@ -109,11 +111,11 @@ def shared(
 
 def _judgement(found: result.Diagnosis) -> dict[str, Any]:
     """Judgement on how far the answer goes: what is left, what cannot be told apart."""
-    sides = {"before": found.before, "after": found.after}
+    sides, left = {"before": found.before, "after": found.after}, found.left_over
     return {
         "fit_quality": {key: {s: getattr(j, key) for s, j in sides.items()} for key in ("chi2_dof", "held_out_ratio")},
         "nearest": _nearest(found.nearest),
-        "left_over": _left_over(found.left_over),
+        "left_over": None if left is None else [effect_entry(o.effect) | {"share": o.share} for o in left],
         "concentrated": _concentrated(found.concentrated),
         "doubts": found.doubts,
         "stopped": found.stopped,
@@ -145,11 +147,6 @@ def _concentrated(c: result.Concentrated | None) -> dict[str, Any] | None:
         "explained_share_without": 1.0 - c.excess_share_without,
         "median": {"before": c.median_before, "after": c.median_after},
     }
-
-
-def _left_over(over: Sequence[result.LeftOver] | None) -> list[dict[str, Any]] | None:
-    """Effects that would take away a part of the rest, as plain data."""
-    return None if over is None else [effect_entry(o.effect) | {"share": o.share} for o in over]
 
 
 def _alternative(a: result.Alternative) -> dict[str, Any]:
@@ -185,10 +182,6 @@ def _covers(stretches: result.Stretches, reading: Reading, trace: str) -> bool:
     duration = next(t.duration for t in reading.record.traces if t.name == trace)
     held = sum(b - a for t, a, b in stretches if t == trace)
     return math.isclose(held, duration, rel_tol=0.05)
-
-
-def _candidate(c: result.CandidateScore) -> dict[str, Any]:
-    return asdict(c) | {"score": c.bic_gain if c.bic_gain is not None else c.chi2_drop}
 
 
 def arm_sentence(document: Document) -> str:

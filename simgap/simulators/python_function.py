@@ -117,9 +117,8 @@ class PythonEngine(Engine):
 
     def _fault(self, problem: str, x: Floats | None = None, u: Floats | None = None) -> UserError:
         """Error about what went wrong, with the call, the first of many."""
-        where = (
-            "" if x is None or u is None else f", {describe_call(self._names, *(np.atleast_2d(v)[0] for v in (x, u)))}"
-        )
+        first = None if x is None or u is None else (np.atleast_2d(x)[0], np.atleast_2d(u)[0])
+        where = f", {describe_call(self._names, *first)}" if first is not None else ""
         return UserError(
             f"the function '{self._file.name}' {problem}{where}", file=self._file.path, key=KEY,
             remedy="Correct it, or exclude what it cannot do from domain.X and domain.U.",
