@@ -174,7 +174,7 @@ class Record:
 
 LEFT = "left what is certified"
 """How a run ends that did what was asked, but not by way of what the controller's certificate says."""
-BATCH = 100  # runs whose steps are held against the bound at once
+BATCH = 100  # runs whose steps are compared with the bound at once
 
 
 @dataclass(frozen=True, eq=False)

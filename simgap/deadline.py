@@ -58,10 +58,8 @@ def last_within(
                 last = value
         process.join()
         if last is None and process.exitcode not in (0, -signal.SIGPROF):
-            raise UserError(
-                f"the search was ended from outside (signal {-(process.exitcode or 0)})",
-                remedy="Check that its memory suffices (the system ends what takes too much), then run it again.",
-            )
+            remedy = "Check that its memory suffices (the system ends what takes too much), then run it again."
+            raise UserError(f"the search was ended from outside (signal {-(process.exitcode or 0)})", remedy=remedy)
         return last
     except KeyboardInterrupt:
         if last is None or not stoppable:

@@ -110,11 +110,8 @@ class Grid:
         with np.errstate(over="ignore", divide="ignore"):
             counts = np.ceil((box.hi - box.lo) / (2.0 * eps / np.sqrt(box.size)) * (1 - 1e-12))
         if not (counts < MOST_CELLS).all():
-            raise UserError(
-                f"cells of radius {eps:g} are too many to count along an axis of X",
-                key="grid.eps",
-                remedy="Use a larger radius, or a smaller X",
-            )
+            problem = f"cells of radius {eps:g} are too many to count along an axis of X"
+            raise UserError(problem, key="grid.eps", remedy="Use a larger radius, or a smaller X")
         return Grid(box, [int(count) for count in counts])
 
     @cached_property

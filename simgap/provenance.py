@@ -254,7 +254,7 @@ def provenance(
     """The record that every result carries; it holds no absolute path and no date, so equal runs are equal bytes.
 
     Args:
-        rests: further stages on whose results it rests, so that what these read is held against a case as well.
+        rests: further stages on whose results it rests, so that what these read is compared with a case as well.
     """
     stages = [stage, *rests]
     parts = _parts_of_stages(stages, case, folder)

@@ -77,11 +77,8 @@ def require_unit(unit: str, wanted: str, key: str) -> None:
     except UserError:
         same = False
     if not same:
-        raise UserError(
-            f"the unit is '{unit}', but this is computed in '{wanted}'",
-            key=key,
-            remedy=f"Use '{wanted}' for it and for every number of it.",
-        )
+        remedy = f"Use '{wanted}' for it and for every number of it."
+        raise UserError(f"the unit is '{unit}', but this is computed in '{wanted}'", key=key, remedy=remedy)
 
 
 @lru_cache(maxsize=256)

@@ -140,10 +140,8 @@ def header(what: Certified) -> dict[str, Any]:
             remedy="The closed loop and the audit are what checks it.",
         )
     if not isinstance(bound, LinearGap) and (reached is None or not isinstance(bound, BodyFrameGap)):
-        raise UserError(
-            "a certificate covers bounds that are linear in a basis, and this one is not", key="gap.bound",
-            remedy="Use gap.bound: scenario with a basis of terms, or constant.",
-        )  # fmt: skip
+        problem = "a certificate covers bounds that are linear in a basis, and this one is not"
+        raise UserError(problem, key="gap.bound", remedy="Use gap.bound: scenario with a basis of terms, or constant.")
     states, grid, known = bound.domain.states, solution.grid, what.known
     not_covered = [HARDWARE] if known is not None else [BLACK_BOX, HARDWARE]
     for j in sorted(grid.periodic):
@@ -163,13 +161,13 @@ def header(what: Certified) -> dict[str, Any]:
             "periodic": [j in grid.periodic for j in range(grid.box.size)],
         },
         "input_set": [_hex(row) for row in what.input_set],
-        "domain": _ends(states, bound.domain.box),
+        "domain": _named(states, bound.domain.box),
         "nominal": dict(zip(states, map(prefix, model.f), strict=True)),
         "gap": _sides(bound) if isinstance(bound, LinearGap) else None,
         "simulator": dict(zip(states, map(prefix, known.simulator), strict=True)) if known else None,
         "guarantee": [tier.text for tier in bound.tiers],
         "not_covered": [_between(reached), *not_covered],
-    } | ({"safe": _ends(states, task)} if isinstance(task, Box) else _reached(states, task, what))
+    } | ({"safe": _named(states, task)} if isinstance(task, Box) else _reached(states, task, what))
 
 
 def _between(reached: Reached | None) -> str:
@@ -227,10 +225,6 @@ def _hex(values: Floats) -> list[str]:
     return [float(v).hex() for v in values]
 
 
-def _ends(states: Sequence[str], box: Box) -> dict[str, list[str]]:
-    return {s: _hex(np.array([lo, hi])) for s, lo, hi in zip(states, box.lo, box.hi, strict=True)}
-
-
 def _write_table(path: Path, table: NDArray[Any]) -> str:
     """Write an array as .npy: -> SHA-256 of the file."""
     with atomic(path) as temporary:
@@ -286,10 +280,8 @@ def _task(context: Context, bound: SavedGap, gap: Path) -> Box | Reached:
 
 
 def _refused(what: str) -> UserError:
-    return UserError(
-        f"a certificate covers {what}", key="synthesis.specification",
-        remedy="The closed loop and the audit are what checks this case.",
-    )  # fmt: skip
+    remedy = "The closed loop and the audit are what checks this case."
+    return UserError(f"a certificate covers {what}", key="synthesis.specification", remedy=remedy)
 
 
 def results_of(folder: Path) -> tuple[Path, Path, Path]:

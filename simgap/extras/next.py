@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import itertools
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -54,35 +55,30 @@ def paragraph(question: Question, advice: Advice, units: Mapping[str, str], file
     how = _recording(question, advice, units, file)
     if len(rivals) == 1:
         return f"{opening} {how} {_intervals(advice)}"
-    if advice.proposal.sure < WANTED:
-        return f"{opening} {_certainty(advice)}"
-    return f"{opening} {how} {_certainty(advice)}"
+    return f"{opening} {'' if advice.proposal.sure < WANTED else f'{how} '}{_certainty(advice)}"
 
 
 def _recording(question: Question, advice: Advice, units: Mapping[str, str], file: str) -> str:
-    best, t = advice.proposal.best, advice.proposal.bench.t
+    best, t, model = advice.proposal.best, advice.proposal.bench.t, question.model
     assert best is not None
-    own = len(question.middle)
+    own = model.input_names[: len(question.middle)]
     peaks = [
-        f"{name} within {number(float(best.u[:, j].min()), 3)} and {number(float(best.u[:, j].max()), 3)} "
-        f"{pretty_unit(units.get(name, ''))}".strip()
-        for j, name in enumerate(question.model.input_names[:own])
-        if np.ptp(best.u[:, j]) > 0.0
+        f"{name} within {number(float(u.min()), 3)} and {number(float(u.max()), 3)} {pretty_unit(units.get(name, ''))}"
+        for name, u in zip(own, best.u.T, strict=False)
+        if np.ptp(u) > 0.0
     ]
-    start = ", ".join(
-        f"{n} = {number(float(v))}" for n, v in zip(question.model.state_names, question.start, strict=True)
-    )
-    held = ", ".join(
-        f"{n} = {number(v)} {pretty_unit(question.model.units[n])}".strip()
-        for n, v in zip(question.model.conditions, advice.proposal.bench.held, strict=True)
-    )
-    under = f" with {held}" if held else ""
-    rate = 1.0 / float(t[1] - t[0])
+    start = _values(model.state_names, question.start, {})
+    held = _values(model.conditions, advice.proposal.bench.held, model.units)
     return (
-        f"Apply {file} ({best.name}, improved from there; {t[-1] - t[0]:.3g} s at {rate:.4g} Hz, "
-        f"{joined(peaks)}) from {start}{under}, record the response, and diagnose it together with the existing "
-        "recordings, the new file first."
+        f"Apply {file} ({best.name}, improved from there; {t[-1] - t[0]:.3g} s at {1.0 / float(t[1] - t[0]):.4g} Hz, "
+        f"{joined([peak.strip() for peak in peaks])}) from {start}{f' with {held}' if held else ''}, record the "
+        "response, and diagnose it together with the existing recordings, the new file first."
     )
+
+
+def _values(names: Sequence[str], values: Iterable[float], units: Mapping[str, str]) -> str:
+    pairs = zip(names, values, strict=True)
+    return ", ".join(f"{n} = {number(float(v))} {pretty_unit(units.get(n, ''))}".strip() for n, v in pairs)
 
 
 def _certainty(advice: Advice) -> str:
@@ -126,11 +122,12 @@ def lengths_in_words(advice: Advice) -> str:
     """Lines over the picture: how sure one will be by the length that is proposed, and by the longest."""
     if len(advice.known.rivals) == 1:
         return "what to play"
-    short, long = _seconds(advice)
-    now, whole = advice.proposal, advice.longest
-    rows = [(short, now)] if whole is None else [(short, now), (long, whole)]
-    each = [f"{s}: separated with {_percent(p.sure)}, another effect named with {_percent(p.shown)}" for s, p in rows]
-    return "\n".join(each)
+    rows = zip(_seconds(advice), (advice.proposal, advice.longest), strict=True)
+    return "\n".join(
+        f"{s}: separated with {_percent(p.sure)}, another effect named with {_percent(p.shown)}"
+        for s, p in rows
+        if p is not None
+    )
 
 
 def _seconds(advice: Advice) -> tuple[str, str]:
@@ -171,15 +168,14 @@ def next_figure(advice: Advice, measured: Sequence[str], left: Floats | None, un
         measured: names of the readings.
         left: (n, k) what that one would miss, fitted again, in units of the noise; None of one explanation alone.
     """
-    import matplotlib.pyplot as plt
-
     best, rivals, t = advice.proposal.best, advice.known.rivals, advice.proposal.bench.t
     assert best is not None
     inputs = advice.proposal.bench.model.model.input_names[: len(advice.proposal.bench.middle)]
     rows = 2 if left is None else 3
-    figure, axes = plt.subplots(rows, 1, sharex=True, figsize=(style.WIDTH, 2.2 * rows + 0.8))
-    for j, name in enumerate(inputs):
-        axes[0].step(t, best.u[:, j], where="post", lw=1.2, color=COLOURS[j % len(COLOURS)], label=name)
+    figure, grid = style.panels(rows, 1, 2.2 * rows + 0.8, sharex=True)
+    axes = grid[:, 0]
+    for name, u, colour in zip(inputs, best.u.T, itertools.cycle(COLOURS), strict=False):
+        axes[0].step(t, u, where="post", lw=1.2, color=colour, label=name)
     axes[0].set_ylabel(axis_label(inputs[0], units) if len(inputs) == 1 else "inputs")
     axes[0].set_title(lengths_in_words(advice))
     if len(inputs) > 1:
@@ -187,15 +183,13 @@ def next_figure(advice: Advice, measured: Sequence[str], left: Floats | None, un
     for k, (rival, y) in enumerate(zip(rivals, best.readings, strict=True)):
         dash = "-" if k == 0 else (0, (4, 1 + k))
         axes[1].plot(t, y[:, 0], color=COLOURS[k % len(COLOURS)], ls=dash, lw=1.4, label=rival.label)
-    axes[1].set_ylabel(axis_label(measured[0], units))
-    axes[1].set_title("what each explanation predicts")
+    axes[1].set(ylabel=axis_label(measured[0], units), title="what each explanation predicts")
     if left is not None:
-        for k, name in enumerate(measured):
-            axes[2].plot(t, left[:, k], lw=1.2, color=COLOURS[k % len(COLOURS)], label=name)
+        for name, missing, colour in zip(measured, left.T, itertools.cycle(COLOURS), strict=False):
+            axes[2].plot(t, missing, lw=1.2, color=colour, label=name)
         axes[2].axhspan(-2, 2, color=style.FLOOR, alpha=0.35, lw=0, label="noise, ±2σ")
-        axes[2].set_ylabel("missed / σ")
         right, wrong = (rivals[k].label for k in advice.proposal.closest)
-        axes[2].set_title(f"if {right} is right, what {wrong} misses, fitted again")
+        axes[2].set(ylabel="missed / σ", title=f"if {right} is right, what {wrong} misses, fitted again")
         axes[2].legend(loc="upper right", ncols=4)
     axes[-1].set_xlabel("time (s)")
     figure.align_ylabels()
@@ -266,10 +260,9 @@ def _question(
 def _sets(document: Mapping[str, Any], found: Path) -> tuple[Explained, ...]:
     """The answer and what could not be told from it."""
     if "joints" in document:
-        raise UserError(
-            "an arm of three joints or more has no simulation to try inputs on", file=found / DIAGNOSIS,
-            remedy="Vary postures and speeds; docs/reference/effects.md says what each effect needs.",
-        )  # fmt: skip
+        problem = "an arm of three joints or more has no simulation to try inputs on"
+        remedy = "Vary postures and speeds; docs/reference/effects.md says what each effect needs."
+        raise UserError(problem, file=found / DIAGNOSIS, remedy=remedy)
     if not document["effects"]:
         raise UserError(
             f"the verdict is '{document['verdict']}', so there are no explanations to separate",
@@ -304,10 +297,9 @@ def _limits(context: Context, record: Record) -> tuple[Box, Floats, Floats]:
             ends[context.states.index(name)] = y[:, k].min() - room, y[:, k].max() + room
         span = np.stack([u[:, :own].min(axis=0), u[:, :own].max(axis=0)], axis=1)
     if not np.any(span[:, 1] > span[:, 0]):
-        raise UserError(
-            "no input has a range, so that there is nothing to try", file=context.path, key="domain.U",
-            remedy="Give the inputs a range (domain), or release the plant from other postures.",
-        )  # fmt: skip
+        problem = "no input has a range, so that there is nothing to try"
+        remedy = "Give the inputs a range (domain), or release the plant from other postures."
+        raise UserError(problem, file=context.path, key="domain.U", remedy=remedy)
     return Box(ends[:, 0], ends[:, 1]), span.mean(axis=1), 0.5 * (span[:, 1] - span[:, 0])
 
 
@@ -318,18 +310,15 @@ def _stamps(context: Context, record: Record, settings: DiagnosisSettings, secon
     length = seconds if seconds is not None else min(LONGEST_S, max(t.duration for t in record.traces))
     count = round(length / dt) + 1
     if count > MOST_SAMPLES:
-        raise UserError(
-            f"a recording of {length:.3g} s at {1 / dt:.4g} Hz is too long", key="--seconds",
-            remedy=f"Give at most {MOST_SAMPLES * dt:.3g} s.",
-        )  # fmt: skip
+        remedy = f"Give at most {MOST_SAMPLES * dt:.3g} s."
+        raise UserError(f"a recording of {length:.3g} s at {1 / dt:.4g} Hz is too long", key="--seconds", remedy=remedy)
     t = np.asarray(dt * np.arange(count))
     windows_to_come(record, settings, t)  # or it says why the diagnosis could not use it
     return t
 
 
 def _start(context: Context, names: tuple[str, ...], allowed: Box, given: Mapping[str, float]) -> Floats:
-    unknown = sorted(set(given) - set(names))
-    if unknown:
+    if unknown := sorted(set(given) - set(names)):
         raise UserError(f"{unknown} are not states", key="--start", remedy=f"States: {list(names)}.")
     own = {n: float(np.clip(0.0, lo, hi)) for n, lo, hi in zip(context.states, allowed.lo, allowed.hi, strict=True)}
     return np.array([given.get(n, own.get(n, 0.0)) for n in names])

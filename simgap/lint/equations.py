@@ -18,7 +18,7 @@ from simgap.arrays import Floats
 from simgap.errors import Finding, UserError
 from simgap.late import sympy as sp
 from simgap.lint.costs import StageCost, affordable
-from simgap.model.integrators import RungeKutta
+from simgap.model.sampled import RungeKutta
 from simgap.model.symbolic import kinds, symbol
 from simgap.notation import pretty_unit
 from simgap.plants.context import Context
@@ -147,11 +147,10 @@ def find_long_steps(context: Context) -> Iterator[Finding]:
     inputs = context.input_set[np.linspace(0, len(context.input_set) - 1, MOST_INPUTS).round().astype(int)]
     drawn = box.lo + (box.hi - box.lo) * np.random.default_rng(0).random((DRAWN, len(context.states)))
     x, u = (np.array(part) for part in zip(*itertools.product(drawn, inputs), strict=True))
-    rates = model.rule.xdot if isinstance(model.rule, RungeKutta) else None
-    rows = sp.lambdify((*model.x, *model.u), rates if rates is not None else model.rule, modules="numpy")
+    rows = sp.lambdify((*model.x, *model.u), model.rule, modules="numpy")
     with np.errstate(all="ignore"):
         values = np.stack([np.broadcast_to(row, len(x)) for row in rows(*x.T, *u.T)], axis=1)
-    moved = np.abs(values * model.tau if rates is not None else values - x)
+    moved = np.abs(values * model.tau if isinstance(model, RungeKutta) else values - x)
     widths = np.median(moved, axis=0) / (box.hi - box.lo)
     for j in np.argsort(-widths, kind="stable"):  # what is refused is the worst: others may only follow it
         name = context.states[j]

@@ -209,10 +209,8 @@ def prefix(e: Any) -> Any:
         return [_OPERATIONS[operation], *(prefix(part) for part in e.args)]
     if e.is_Pow:
         return _prefix_power(e)
-    raise UserError(
-        f"a certificate has no form for '{type(e).__name__}'", key="plant",
-        remedy=f"It has numbers, powers with integers, {', '.join(_OPERATIONS.values())}.",
-    )  # fmt: skip
+    remedy = f"It has numbers, powers with integers, {', '.join(_OPERATIONS.values())}."
+    raise UserError(f"a certificate has no form for '{type(e).__name__}'", key="plant", remedy=remedy)
 
 
 def fraction(value: Fraction) -> str:

@@ -43,17 +43,10 @@ class IntervalPrinter(PythonCodePrinter):
     def _nested(self, name: str, args: Sequence[sp.Expr]) -> str:
         return reduce(lambda a, b: f"{name}({a}, {b})", [str(self._print(a)) for a in args])
 
-    def _print_Add(self, expr: sp.Add, order: str | None = None) -> str:
-        return self._nested("iadd", expr.args)
+    def _print_Add(self, expr: sp.Expr, order: str | None = None) -> str:
+        return self._nested(f"i{type(expr).__name__.lower()}", expr.args)
 
-    def _print_Mul(self, expr: sp.Mul) -> str:
-        return self._nested("imul", expr.args)
-
-    def _print_Max(self, expr: sp.Max) -> str:
-        return self._nested("imax", expr.args)
-
-    def _print_Min(self, expr: sp.Min) -> str:
-        return self._nested("imin", expr.args)
+    _print_Mul = _print_Max = _print_Min = _print_Add
 
     def _print_Piecewise(self, expr: sp.Piecewise) -> str:
         return self._nested("ihull", [branch for branch, _ in expr.args])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from typing import Any
@@ -89,6 +89,11 @@ class PlanarWheels:
     track: float
 
 
+def _require(kind: str, name: str, known: Collection[str]) -> None:
+    if name not in known:
+        raise UserError(f"the plant has no {kind} '{name}'", remedy=f"Known: {list(known)}")
+
+
 @dataclass(frozen=True)
 class SymbolicModel:
     """Continuous dynamics `xdot = F(x, u; p)`, with the hooks that effects act on.
@@ -162,10 +167,9 @@ class SymbolicModel:
         Raises:
             UserError: if the plant has no such coordinate.
         """
-        for c in self.coordinates:
-            if c.name == name:
-                return c
-        raise UserError(f"the plant has no coordinate '{name}'", remedy=f"Known: {[c.name for c in self.coordinates]}")
+        named = {c.name: c for c in self.coordinates}
+        _require("coordinate", name, named)
+        return named[name]
 
     def values(self) -> dict[sp.Symbol, float]:
         """Declared numbers of all parameters, for substitution."""
@@ -181,11 +185,8 @@ class SymbolicModel:
         found = tuple(sp.sympify(e).subs(values) for e in self.xdot)
         for state, rate in zip(self.states, found, strict=True):
             if no_number(rate):
-                raise UserError(
-                    f"the rate of '{state.name}' is not a finite real number with the declared parameters",
-                    key="plant",
-                    remedy="Correct the parameters or the equation.",
-                )
+                problem = f"the rate of '{state.name}' is not a finite real number with the declared parameters"
+                raise UserError(problem, key="plant", remedy="Correct the parameters or the equation.")
         return found
 
     def with_parameter(self, name: str, parameter: Parameter) -> SymbolicModel:
@@ -199,8 +200,7 @@ class SymbolicModel:
 
     def with_input(self, name: str, applied: sp.Expr) -> SymbolicModel:
         """The model in which the plant feels `applied` (an expression of the command `name`) instead of the command."""
-        if name not in self.input_names:
-            raise UserError(f"the plant has no input '{name}'", remedy=f"Known: {list(self.input_names)}")
+        _require("input", name, self.input_names)
         return self._subs({symbol(name): applied})
 
     def substitute(self, changes: Mapping[str, sp.Expr]) -> SymbolicModel:
@@ -209,8 +209,7 @@ class SymbolicModel:
 
     def with_output(self, state: str, reading: sp.Expr) -> SymbolicModel:
         """The model in which the sensor of `state` reads an expression of the states."""
-        if state not in self.state_names:
-            raise UserError(f"the plant has no state '{state}'", remedy=f"Known: {list(self.state_names)}")
+        _require("state", state, self.state_names)
         return replace(self, outputs={**self.outputs, state: reading})
 
     def with_state(self, state: Variable, xdot: sp.Expr) -> SymbolicModel:
@@ -220,8 +219,7 @@ class SymbolicModel:
 
     def with_delay(self, name: str, seconds: sp.Expr) -> SymbolicModel:
         """The model whose input acts `seconds` after its command."""
-        if name not in self.input_names:
-            raise UserError(f"the plant has no input '{name}'", remedy=f"Known: {list(self.input_names)}")
+        _require("input", name, self.input_names)
         return replace(self, delays={**self.delays, name: self.delays.get(name, sp.Integer(0)) + seconds})
 
     def _subs(self, changes: Mapping[sp.Symbol, sp.Expr]) -> SymbolicModel:

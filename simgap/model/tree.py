@@ -66,18 +66,14 @@ def moved(inertial: Floats, turn: Floats, place: Floats) -> Floats:
     about = turn @ first
     h = about + m * place
     # Steiner about both origins: the first moment couples the shift
-    cross, shift, old = _cross(place), _cross(place), _cross(about)
-    grown = turn @ inertia @ turn.T - cross @ old - old @ shift - m * cross @ cross
+    shift, old = _skew(place), _skew(about)
+    grown = turn @ inertia @ turn.T - shift @ old - old @ shift - m * shift @ shift
     return np.concatenate([[m], h, grown[np.triu_indices(3)]])
 
 
 def symmetric(six: Floats) -> Floats:
     """(..., 6) xx, xy, xz, yy, yz, zz -> (..., 3, 3)."""
     return np.asarray(six)[..., [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(*np.shape(six)[:-1], 3, 3)
-
-
-def _cross(p: Floats) -> Floats:
-    return np.array([[0, -p[2], p[1]], [p[2], 0, -p[0]], [-p[1], p[0], 0]])
 
 
 def regressor(tree: Tree, q: Floats, v: Floats, a: Floats, turning: Turning = (np.sin, np.cos)) -> Floats:
@@ -116,7 +112,7 @@ def _frames(tree: Tree, q: Floats, turning: Turning) -> tuple[list[Floats], list
             places.append(tree.place[j] + q[:, j, None] * (tree.turn[j] @ e))
             continue
         s, c = (function(q[:, j])[:, None, None] for function in turning)
-        skew = _cross(e)
+        skew = _skew(e)
         turns.append(tree.turn[j] @ (np.eye(3, dtype=np.int64) + s * skew + (1 - c) * (skew @ skew)))  # Rodrigues
         places.append(np.broadcast_to(tree.place[j], (len(q), 3)))
     return turns, places
@@ -160,9 +156,10 @@ def _wrench(w: Floats, dw: Floats, up: Floats) -> tuple[Floats, Floats]:
 
 
 def _skew(x: Floats) -> Floats:
-    out = np.zeros((len(x), 3, 3), dtype=x.dtype)
-    out[:, 0, 1], out[:, 0, 2], out[:, 1, 2] = -x[:, 2], x[:, 1], -x[:, 0]
-    return out - out.transpose(0, 2, 1)
+    """Matrices (..., 3, 3) of the cross products with vectors (..., 3)."""
+    out = np.zeros((*x.shape, 3), dtype=x.dtype)
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -x[..., 2], x[..., 1], -x[..., 0]
+    return out - np.swapaxes(out, -1, -2)
 
 
 def _spread(x: Floats) -> Floats:

@@ -20,8 +20,7 @@ from simgap.config.plant import PlantSection
 from simgap.errors import BrokenPromise, UserError
 from simgap.geometry import Box
 from simgap.late import sympy as sp
-from simgap.model.integrators import RungeKutta
-from simgap.model.sampled import NominalModel
+from simgap.model.sampled import NominalModel, RungeKutta
 from simgap.model.symbolic import SymbolicModel
 from simgap.plants.urdf import multibody_plant
 
@@ -39,10 +38,9 @@ def symbolic_plant(model: SymbolicModel) -> Any:
 
     late = [name for name, seconds in model.delays.items() if seconds != 0]
     if late:
-        raise UserError(
-            f"the inputs {late} act with a delay, which a SymbolicVectorSystem does not have",
-            remedy="Leave the delay out and wire one before the system, such as Drake's DiscreteTimeDelay.",
-        )
+        problem = f"the inputs {late} act with a delay, which a SymbolicVectorSystem does not have"
+        remedy = "Leave the delay out and wire one before the system, such as Drake's DiscreteTimeDelay."
+        raise UserError(problem, remedy=remedy)
     states = [Variable(v.name) for v in model.states]
     inputs = [Variable(v.name) for v in model.inputs]
     symbols = [v.symbol for v in (*model.states, *model.inputs)]
@@ -147,10 +145,9 @@ def check_map(model: NominalModel, box: Box, inputs: Floats) -> None:
 
 def _by_drake(model: NominalModel) -> Callable[[Floats, Floats], Floats]:
     """The map by Drake's evaluation of its expressions: (n, nx), (n, nu) -> (n, nx)."""
-    rule = model.rule
-    if not isinstance(rule, RungeKutta):
-        return evaluator(rule, model.x, model.u)
-    rate, h = evaluator(rule.xdot, model.x, model.u), rule.h
+    rate, h = evaluator(model.rule, model.x, model.u), model.tau
+    if not isinstance(model, RungeKutta):
+        return rate
 
     def step(x: Floats, u: Floats) -> Floats:
         k1 = rate(x, u)

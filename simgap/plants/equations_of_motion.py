@@ -2,7 +2,7 @@
 
 Inverse dynamics of `model.tree` on symbols in place of numbers. It goes from frame to frame of the bodies, so neither
 where the base stands nor how the first joint turns enters M and C v, and expanded a large arm of two joints has some
-hundred operations. `drake_check` holds them against Drake's numeric plant.
+hundred operations. `drake_check` compares them with Drake's numeric plant.
 
 Simplifying them takes seconds, and every stage of a case builds its model. What comes out is
 kept in the cache folder, under a digest of what went in and of SymPy's version; it is written as a tree of names and

@@ -7,6 +7,7 @@ in the air is right for nothing, so `base_of` tells as far as the file shows it.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +19,7 @@ import numpy as np
 from simgap import reading
 from simgap.arrays import Floats
 from simgap.errors import excerpt
-from simgap.plants.urdf_checks import check_urdf, links_moved, principal_moments
+from simgap.plants.urdf_checks import NUMBERS, attributes, check_urdf, ends, links_moved, mass_of, principal_moments
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,45 +79,34 @@ def read_model_file(path: Path, check: Callable[[Path], None] = check_urdf) -> M
     robot = reading.read_xml(path)
     links = {str(link.get("name")): link for link in robot.findall("link")}
     weighed = {name: _link(link) for name, link in links.items() if link.find("inertial/mass") is not None}
-    geared = {str(j.get("name")) for t in robot.findall("transmission") for j in t.findall("joint") if _geared(t)}
+    actuated = [(str(j.get("name")), _geared(t)) for t in robot.findall("transmission") for j in t.findall("joint")]
+    geared = {name for name, reflected in actuated if reflected}
     joints = {str(j.get("name")): _joint(j, geared) for j in robot.findall("joint") if j.get("type") != "fixed"}
     bare = tuple(name for name in links_moved(robot) if name not in weighed)
     named = tuple(dict.fromkeys(str(mesh.get("filename")) for mesh in robot.iter("mesh")))
-    geared_to = [str(j.get("name")) for t in robot.findall("transmission") for j in t.findall("joint")]
-    driven = tuple(name for name in joints if name in geared_to) if geared_to else None
+    driven = tuple(name for name in joints if name in dict(actuated)) if actuated else None
     return ModelFile(path, weighed, bare, joints, named, driven)
 
 
 def _link(link: ElementTree.Element) -> Link:
-    mass, inertia, origin = (link.find(f"inertial/{tag}") for tag in ("mass", "inertia", "origin"))
-    com = "0 0 0" if origin is None else origin.get("xyz", "0 0 0")
-    return Link(
-        0.0 if mass is None else float(mass.get("value", "0")),
-        principal_moments(inertia),
-        np.array([float(v) for v in com.split()]),
-    )
+    com = attributes(link, "inertial/origin").get("xyz", "0 0 0")
+    return Link(mass_of(link), principal_moments(link), np.array([float(v) for v in com.split()]))
 
 
 def _joint(joint: ElementTree.Element, geared: set[str]) -> FileJoint:
-    limit, dynamics, mimic = (joint.find(tag) for tag in ("limit", "dynamics", "mimic"))
-    lower, upper, effort, velocity = (_limit(limit, key) for key in ("lower", "upper", "effort", "velocity"))
-    kind = str(joint.get("type"))
-    bounded = kind != "continuous" and lower is not None and upper is not None
+    limit, dynamics = attributes(joint, "limit"), attributes(joint, "dynamics")
+    stated = {key: float(limit[key]) for key in NUMBERS["limit"] if key in limit}
+    bounded = joint.get("type") != "continuous" and {"lower", "upper"} <= stated.keys()
     return FileJoint(
-        kind=kind,
-        range=(lower, upper) if bounded and lower is not None and upper is not None else None,
-        effort=effort,
-        velocity=velocity,
-        damping=0.0 if dynamics is None else float(dynamics.get("damping", "0")),
-        friction=0.0 if dynamics is None else float(dynamics.get("friction", "0")),
-        mimics=None if mimic is None else str(mimic.get("joint")),
+        kind=str(joint.get("type")),
+        range=(stated["lower"], stated["upper"]) if bounded else None,
+        effort=stated.get("effort"),
+        velocity=stated.get("velocity"),
+        damping=float(dynamics.get("damping", "0")),
+        friction=float(dynamics.get("friction", "0")),
+        mimics=attributes(joint, "mimic").get("joint"),
         reflected=str(joint.get("name")) in geared,
     )
-
-
-def _limit(limit: ElementTree.Element | None, key: str) -> float | None:
-    text = None if limit is None else limit.get(key)
-    return None if text is None else float(text)
 
 
 def _geared(transmission: ElementTree.Element) -> bool:
@@ -136,10 +126,10 @@ def joint_stops(urdf: Path, joints: Sequence[str]) -> dict[str, tuple[float, ...
     """
     found = {}
     for joint in reading.read_xml(urdf).findall("joint"):
-        limit = joint.find("limit")
-        if joint.get("name") in joints and joint.get("type") in _STOPPED and limit is not None:
-            ends = [float(limit.get(end, "0")) for end in ("lower", "upper")]
-            found[str(joint.get("name"))] = tuple(sorted({end for end in ends if math.isfinite(end)}))
+        limit = attributes(joint, "limit")
+        if joint.get("name") in joints and joint.get("type") in _STOPPED and limit:
+            stops = {float(limit.get(end, "0")) for end in ("lower", "upper")}
+            found[str(joint.get("name"))] = tuple(sorted(filter(math.isfinite, stops)))
     return {name: found.get(name, ()) for name in joints}
 
 
@@ -186,9 +176,9 @@ def base_of(robot: ElementTree.Element, driven: Collection[str] | None = None, w
     if driven is not None and len(slides) > 1 and not {j.name for j in slides} & {*driven}:
         return Base("free", f"nothing drives {_named(slides)}, which carries everything else: a floating base")
     links = {link.get("name"): link for link in robot.findall("link")}
-    ends = [j for j in joints if j.kind == "continuous" and j.below == 1]
-    named = [j for j in ends if "wheel" in f"{j.name} {j.child}".lower()]
-    wheels = named or [j for j in ends if any(links[j.child].find(shape) is not None for shape in _ROUND)]
+    tips = [j for j in joints if j.kind == "continuous" and j.below == 1]
+    named = [j for j in tips if "wheel" in f"{j.name} {j.child}".lower()]
+    wheels = named or [j for j in tips if any(links[j.child].find(shape) is not None for shape in _ROUND)]
     anchored = world and "world" in links and not slides
     if not anchored and (named or len(wheels) > 1):
         return Base("wheels", f"it has wheels ({_named(wheels)})")
@@ -203,14 +193,10 @@ def base_of(robot: ElementTree.Element, driven: Collection[str] | None = None, w
 
 def _masses(robot: ElementTree.Element, joints: list[_Joint]) -> tuple[float, float]:
     """Mass of the root with what is fixed to it, and of all that it carries, kg."""
-    above = {
-        j.find("child").get("link", ""): j.find("parent").get("link", "")  # type: ignore[union-attr]
-        for j in robot.findall("joint")
-    }
+    above = {child: parent for parent, child in map(ends, robot.findall("joint"))}
     moved, base, carried = {j.child for j in joints}, 0.0, 0.0
     for link in robot.findall("link"):
-        mass, at = link.find("inertial/mass"), link.get("name", "")
-        own = float(mass.get("value", "0")) if mass is not None else 0.0
+        at, own = link.get("name", ""), mass_of(link)
         while at not in moved and at in above:
             at = above[at]
         base, carried = (base, carried + own) if at in moved else (base + own, carried)
@@ -219,25 +205,21 @@ def _masses(robot: ElementTree.Element, joints: list[_Joint]) -> tuple[float, fl
 
 def _moving(robot: ElementTree.Element) -> list[_Joint]:
     """The joints that move, in the order of the file."""
-    carried = {j.find("child").get("link", ""): j for j in robot.findall("joint")}  # type: ignore[union-attr]
-    found, below = list[tuple[ElementTree.Element, list[str]]](), dict[str, int]()
+    carried = {ends(j)[1]: j for j in robot.findall("joint")}
+    found, below = list[tuple[ElementTree.Element, list[str]]](), Counter[str]()
     for joint in robot.findall("joint"):
         if joint.get("type") == "fixed":
             continue
         above, own = joint, list[str]()
-        while (up := carried.get(above.find("parent").get("link", ""))) is not None:  # type: ignore[union-attr]
+        while (up := carried.get(ends(above)[0])) is not None:
             own += [up.get("name", "")] if up.get("type") != "fixed" else []
             above = up
         found.append((joint, own))
-        for name in (joint.get("name", ""), *own):
-            below[name] = below.get(name, 0) + 1
+        below.update([joint.get("name", ""), *own])
     return [
-        _Joint(
-            name := j.get("name", ""), j.get("type", ""), j.find("child").get("link", ""),  # type: ignore[union-attr]
-            own[0] if own else None, below[name],
-        )
+        _Joint(name := j.get("name", ""), j.get("type", ""), ends(j)[1], own[0] if own else None, below[name])
         for j, own in found
-    ]  # fmt: skip
+    ]
 
 
 def _named(joints: list[_Joint]) -> str:

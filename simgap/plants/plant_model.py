@@ -27,12 +27,11 @@ from simgap.errors import UserError, placed
 from simgap.geometry import Box
 from simgap.late import sympy as sp
 from simgap.model.expressions import parse
-from simgap.model.integrators import sampling_rule
-from simgap.model.sampled import NominalModel
+from simgap.model.sampled import NominalModel, sampled_model
 from simgap.model.symbolic import Coordinate, NamedParameter, Parameter, PlanarWheels, SymbolicModel, Variable, symbol
 from simgap.model.tree import Tree
 from simgap.plants.drake_check import check_declared, check_map, symbolic_plant
-from simgap.plants.urdf import JointState, load_tree, load_urdf
+from simgap.plants.urdf import load_tree, load_urdf
 from simgap.plants.urdf_checks import check_joint_units, check_urdf
 from simgap.units import check_unit, dimension, force_along, require_unit
 
@@ -80,16 +79,12 @@ def _from_mass_matrix(written: SymbolicPlant, states: Sequence[str], parsed: Par
     """Columns of the inverse, after a look at what makes a mass matrix."""
     names, rows = list(written.coordinates), written.mass_matrix or ()
     if len(rows) != len(names) or any(len(row) != len(names) for row in rows):
-        raise UserError(
-            f"the mass matrix is not {len(names)} x {len(names)}",
-            key=_KEY, remedy=f"One row and column for each of the coordinates {names}.",
-        )  # fmt: skip
+        remedy = f"One row and column for each of the coordinates {names}."
+        raise UserError(f"the mass matrix is not {len(names)} x {len(names)}", key=_KEY, remedy=remedy)
     for name, c in written.coordinates.items():
         if c.force_gain is not None or c.force_map is not None:
-            raise UserError(
-                "with a mass matrix a coordinate has no force_gain and no force_map",
-                key=f"plant.symbolic.coordinates.{name}", remedy="Remove it.",
-            )  # fmt: skip
+            problem = "with a mass matrix a coordinate has no force_gain and no force_map"
+            raise UserError(problem, key=f"plant.symbolic.coordinates.{name}", remedy="Remove it.")
     matrix = sp.Matrix(len(names), len(names), lambda i, j: parsed(rows[i][j], f"{_KEY}.{i}.{j}"))
     positions = [c.position for c in written.coordinates.values()]
     _check_mass_matrix(written, matrix, positions)
@@ -114,14 +109,13 @@ def _check_mass_matrix(written: SymbolicPlant, matrix: sp.Matrix, positions: Seq
             m = np.array(matrix.subs(here).tolist(), dtype=np.float64)
         except TypeError:
             raise UserError("the mass matrix is not a finite real number everywhere", key=_KEY) from None
+        lacks, remedy = "", "Correct the entries off its diagonal."
         if not np.allclose(m, m.T, rtol=_SAME, atol=0.0):
-            raise UserError(
-                "the mass matrix is not symmetric", key=_KEY, remedy="Correct the entries off its diagonal."
-            )
-        if not np.isfinite(m).all() or np.linalg.eigvalsh(m)[0] <= 0.0:
-            raise UserError(
-                "the mass matrix is not positive definite", key=_KEY, remedy="Correct its entries or the parameters."
-            )
+            lacks = "symmetric"
+        elif not np.isfinite(m).all() or np.linalg.eigvalsh(m)[0] <= 0.0:
+            lacks, remedy = "positive definite", "Correct its entries or the parameters."
+        if lacks:
+            raise UserError(f"the mass matrix is not {lacks}", key=_KEY, remedy=remedy)
 
 
 def _refuse_hidden_coupling(
@@ -189,12 +183,10 @@ def declared_model(section: PlantSection, folder: Path) -> SymbolicModel:
 
 
 def _from_urdf(section: PlantSection, path: Path) -> SymbolicModel:
-    own = {n: s for n, s in section.states.items() if s.lag_of is None}
-    states = {n: JointState(s.joint or "", s.quantity or "", s.unit) for n, s in own.items()}
-    inputs = {n: (i.joint or "", i.unit) for n, i in section.inputs.items()}
     check_urdf(path)
     check_joint_units(section, path)
-    return load_urdf(path, states, inputs, section.gravity)
+    own = {n: s for n, s in section.states.items() if s.lag_of is None}
+    return load_urdf(path, own, section.inputs, section.gravity)
 
 
 def _from_equations(section: PlantSection, written: SymbolicPlant) -> SymbolicModel:
@@ -270,11 +262,9 @@ def _check_units(section: PlantSection, written: SymbolicPlant) -> None:
     for name, parameter in written.parameters.items():
         check_unit(parameter.unit, f"plant.symbolic.parameters.{name}.unit")
         if parameter.value < 0.0 and dimension(parameter.unit) in map(dimension, ("kg", "kg*m^2")):
-            raise UserError(
-                f"a mass or an inertia of {parameter.value:g} {parameter.unit} is negative",
-                key=f"plant.symbolic.parameters.{name}.value",
-                remedy="No body has one; the sign of a product of inertia belongs into the equations.",
-            )
+            problem = f"a mass or an inertia of {parameter.value:g} {parameter.unit} is negative"
+            remedy = "No body has one; the sign of a product of inertia belongs into the equations."
+            raise UserError(problem, key=f"plant.symbolic.parameters.{name}.value", remedy=remedy)
     for name, c in written.coordinates.items():
         if c.force_unit is not None:
             check_unit(c.force_unit, f"plant.symbolic.coordinates.{name}.force_unit")
@@ -293,9 +283,9 @@ def _rate_of(unit: str) -> str:
 
 
 def _gravity(written: SymbolicPlant) -> tuple[str, str, str] | None:
-    for name in written.gravity or ():
-        if name not in written.parameters:
-            raise UserError(f"'{name}' is not a parameter", key="plant.symbolic.gravity")
+    unknown = [name for name in written.gravity or () if name not in written.parameters]
+    if unknown:
+        raise UserError(f"'{unknown[0]}' is not a parameter", key="plant.symbolic.gravity")
     return written.gravity
 
 
@@ -413,8 +403,7 @@ class PlantModel:
                 "controller needs", key="plant.urdf",
                 remedy="Take at most two joints, fixing the others; `simgap diagnose` takes them all.",
             )  # fmt: skip
-        x, u = (tuple(v.symbol for v in group) for group in (self.carried.states, self.carried.inputs))
-        return NominalModel(x, u, sampling_rule(self.carried, self.tau, self.section.integrator), self.tau)
+        return sampled_model(self.carried, self.tau, self.section.integrator)
 
     def drake_system(self) -> Any:
         """`corrected` as a Drake system that can be wired into a diagram, whatever the case declares it by.
@@ -428,7 +417,7 @@ class PlantModel:
         return symbolic_plant(self.corrected)
 
     def check_with_drake(self, box: Box, inputs: Floats) -> None:
-        """Hold the compiled map, and the model file as declared, against Drake's own numbers on X and U, (M, nu).
+        """Compare the compiled map, and the model file as declared, with Drake's own numbers on X and U, (M, nu).
 
         Raises:
             BrokenPromise: naming the state in which they differ beyond rounding.

@@ -14,72 +14,54 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.config.plant import Input, State
 from simgap.errors import UserError
 from simgap.late import sympy as sp
 from simgap.model.symbolic import Coordinate, NamedParameter, Parameter, SymbolicModel, Variable, symbol
 from simgap.model.tree import PARAMETERS, Tree, moved
 from simgap.plants.equations_of_motion import derive_accelerations
-from simgap.plants.urdf_checks import check_urdf, loading, root_link
+from simgap.plants.urdf_checks import loading, root_link
 
 GRAVITY = ("gravity_x", "gravity_y", "gravity_z")
 _AXES = "xyz"
 _MOMENTS = ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 
 
-@dataclass(frozen=True)
-class JointState:
-    """Joint whose position or velocity a state is."""
-
-    joint: str
-    kind: str  # "position" or "velocity"
-    unit: str
-
-
 def load_urdf(
-    path: Path, states: Mapping[str, JointState], inputs: Mapping[str, tuple[str, str]], gravity: float = 9.81
+    path: Path, states: Mapping[str, State], inputs: Mapping[str, Input], gravity: float = 9.81
 ) -> SymbolicModel:
     """Read a URDF into `xdot = F(x, u; p)`.
 
     Args:
-        path: the URDF; its root link is welded to the world.
-        states: state name -> joint quantity; every moving joint needs a position and a velocity.
-        inputs: input name -> (joint, unit); the input is the generalised force on that joint.
+        path: the URDF, which `urdf_checks` has taken; its root link is welded to the world.
+        states: by name; every moving joint needs a position and a velocity.
+        inputs: by name; an input is the generalised force on its joint.
         gravity: acceleration along -z, m/s^2.
 
     Raises:
-        UserError: missing or malformed file, a moving link without inertia, joints and states that do not match.
+        UserError: a file that Drake does not take, joints and states that do not match.
     """
-    check_urdf(path)
     plant, joints = multibody_plant(path, (0.0, 0.0, -gravity))
-    _match(path, states, inputs, joints)
-    order = [next(n for n, s in states.items() if s.joint == j and s.kind == "position") for j in joints]
-    rates = [next(n for n, s in states.items() if s.joint == j and s.kind == "velocity") for j in joints]
+    order, rates = _match(path, states, joints)
     parameters = _inertial_parameters(plant)
     for name, value in zip(GRAVITY, (0.0, 0.0, -gravity), strict=True):
         parameters[name] = Parameter(value, "m/s^2", "component of gravity in the world frame")
-    damping = [plant.GetJointByName(j).default_damping() for j in joints]
-    for j, d in zip(joints, damping, strict=True):
-        if d:
-            unit = "N*m*s/rad" if _force_unit(plant, j) == "N*m" else "N*s/m"
-            parameters[f"{j}.damping"] = Parameter(d, unit, "viscous damping declared in the URDF")
-    drag = [symbol(f"{j}.damping") * symbol(v) if d else 0 for j, v, d in zip(joints, rates, damping, strict=True)]
-    drive = [sum((symbol(n) for n, (joint, _) in inputs.items() if joint == j), sp.Integer(0)) for j in joints]
-    forces = sp.Matrix(drive) - sp.Matrix(drag)
-    if len(joints) > MOST_DERIVED:
-        inverse = inverse_mass(order, parameters)
-        acceleration = inverse * (forces - bias(order, rates, parameters))
-    else:
-        pull = np.array([symbol(name) for name in GRAVITY])
-        tree = _tree(plant, joints, lambda name: symbol(name) if parameters[name].value else sp.Integer(0), pull)
-        inverse, free = derive_accelerations(tree, order, rates)
-        acceleration = free + inverse * forces
+    units = ["N*m" if plant.GetJointByName(j).type_name() == "revolute" else "N" for j in joints]
+    forces = []
+    for joint, rate, force in zip(joints, rates, units, strict=True):
+        drive = sum((symbol(n) for n, own in inputs.items() if own.joint == joint), sp.Integer(0))
+        if damping := plant.GetJointByName(joint).default_damping():
+            unit = "N*m*s/rad" if force == "N*m" else "N*s/m"
+            parameters[f"{joint}.damping"] = Parameter(damping, unit, "viscous damping declared in the URDF")
+            drive -= symbol(f"{joint}.damping") * symbol(rate)
+        forces.append(drive)
+    inverse, acceleration = _accelerations(plant, joints, order, rates, parameters, sp.Matrix(forces))
     rows = {q: symbol(v) for q, v in zip(order, rates, strict=True)}
     rows |= {v: acceleration[k] for k, v in enumerate(rates)}
     place = [rates.index(name) if name in rates else None for name in states]
@@ -88,20 +70,28 @@ def load_urdf(
     kept = {n: p for n, p in parameters.items() if symbol(n) in used or n in GRAVITY}
     return SymbolicModel(
         states=tuple(Variable(n, s.unit) for n, s in states.items()),
-        inputs=tuple(Variable(n, unit) for n, (_, unit) in inputs.items()),
+        inputs=tuple(Variable(n, own.unit) for n, own in inputs.items()),
         parameters=kept,
         xdot=tuple(rows[n] for n in states),
-        coordinates=tuple(
-            Coordinate(j, q, v, _force_unit(plant, j)) for j, q, v in zip(joints, order, rates, strict=True)
-        ),
+        coordinates=tuple(map(Coordinate, joints, order, rates, units)),
         force_map=columns,
         named_parameters=_named_parameters(plant, kept),
         gravity=GRAVITY,
     )
 
 
-def _force_unit(plant: Any, joint: str) -> str:
-    return "N*m" if plant.GetJointByName(joint).type_name() == "revolute" else "N"
+def _accelerations(
+    plant: Any, joints: list[str], order: list[str], rates: list[str], parameters: Mapping[str, Parameter],
+    forces: sp.Matrix,
+) -> tuple[sp.Matrix, sp.Matrix]:  # fmt: skip
+    """M^-1, and the accelerations under these forces; of more than `MOST_DERIVED` joints with undefined functions."""
+    if len(joints) > MOST_DERIVED:
+        inverse, at_rest = _undefined(order, rates, parameters)
+        return inverse, inverse * (forces - at_rest)
+    pull = np.array([symbol(name) for name in GRAVITY])
+    tree = _tree(plant, joints, lambda name: symbol(name) if parameters[name].value else sp.Integer(0), pull)
+    inverse, free = derive_accelerations(tree, order, rates)
+    return inverse, free + inverse * forces
 
 
 def multibody_plant(path: Path, gravity: tuple[float, float, float]) -> tuple[Any, list[str]]:
@@ -122,10 +112,8 @@ def multibody_plant(path: Path, gravity: tuple[float, float, float]) -> tuple[An
     )
     for joint in joints:
         if joint.type_name() not in ("revolute", "prismatic"):
-            raise UserError(
-                f"joint '{joint.name()}' is of type {joint.type_name()}", file=path,
-                remedy="Hinges (revolute, continuous) and slides (prismatic) are known.",
-            )  # fmt: skip
+            remedy = "Hinges (revolute, continuous) and slides (prismatic) are known."
+            raise UserError(f"joint '{joint.name()}' is of type {joint.type_name()}", file=path, remedy=remedy)
     return plant, [j.name() for j in joints]
 
 
@@ -150,17 +138,14 @@ def _serious(record: logging.LogRecord) -> bool:
     return record.levelno > logging.WARNING
 
 
-def _match(
-    path: Path, states: Mapping[str, JointState], inputs: Mapping[str, tuple[str, str]], joints: list[str]
-) -> None:
-    for name, joint in [(n, s.joint) for n, s in states.items()] + [(n, j) for n, (j, _) in inputs.items()]:
-        if joint not in joints:
-            raise UserError(f"no moving joint '{joint}' for '{name}'", file=path, remedy=f"Moving joints: {joints}.")
+def _match(path: Path, states: Mapping[str, State], joints: list[str]) -> tuple[list[str], list[str]]:
+    """The states that are the position and the velocity of each joint."""
+    named = {(s.joint, s.quantity): n for n, s in states.items()}
     wanted = {(j, kind) for j in joints for kind in ("position", "velocity")}
-    given = [(s.joint, s.kind) for s in states.values()]
-    if set(given) != wanted or len(given) != len(wanted):
-        missing = sorted(wanted - set(given))
+    if named.keys() != wanted or len(named) != len(states):
+        missing = sorted(wanted - named.keys())
         raise UserError(f"the states miss or repeat joint quantities {missing}", file=path, remedy="List each once.")
+    return [named[j, "position"] for j in joints], [named[j, "velocity"] for j in joints]
 
 
 def _inertial_parameters(plant: Any) -> dict[str, Parameter]:
@@ -215,27 +200,16 @@ MOST_DERIVED = 2
 """Largest number of joints whose equations are written out: two take 2 s of CPU, three 60 s."""
 
 
-def inverse_mass(order: Sequence[str], parameters: Mapping[str, Parameter]) -> sp.Matrix:
-    """W, n x n and symmetric, over the positions and the inertial parameters."""
-    n = len(order)
-    at = [symbol(name) for name in (*order, *_inertial(parameters))]
-    return sp.Matrix(n, n, lambda i, k: sp.Function(f"W_{min(i, k) + 1}_{max(i, k) + 1}", real=True)(*at))
-
-
-def bias(order: Sequence[str], rates: Sequence[str], parameters: Mapping[str, Parameter]) -> sp.Matrix:
-    """h, n x 1, over positions, velocities, the inertial parameters and gravity."""
-    at = [symbol(name) for name in (*order, *rates, *_inertial(parameters), *_gravity(parameters))]
-    return sp.Matrix(len(order), 1, lambda i, _: sp.Function(f"h_{i + 1}", real=True)(*at))
-
-
-def _inertial(parameters: Mapping[str, Parameter]) -> list[str]:
-    """Inertial parameters that are not 0."""
-    other = ("gravity_", ".damping")
-    return [n for n, p in parameters.items() if p.value and not n.startswith(other[0]) and not n.endswith(other[1])]
-
-
-def _gravity(parameters: Mapping[str, Parameter]) -> list[str]:
-    return [n for n in parameters if n.startswith("gravity_")]
+def _undefined(
+    order: Sequence[str], rates: Sequence[str], parameters: Mapping[str, Parameter]
+) -> tuple[sp.Matrix, sp.Matrix]:
+    """W, n x n and symmetric, over positions and inertial parameters that are not 0, and h, n x 1, over all."""
+    n, pull = len(order), [name for name in parameters if name.startswith("gravity_")]
+    inertial = [k for k, p in parameters.items() if p.value and k not in pull and not k.endswith(".damping")]
+    at = [symbol(name) for name in (*order, *inertial)]
+    moving = [symbol(name) for name in (*order, *rates, *inertial, *pull)]
+    inverse = sp.Matrix(n, n, lambda i, k: sp.Function(f"W_{min(i, k) + 1}_{max(i, k) + 1}", real=True)(*at))
+    return inverse, sp.Matrix(n, 1, lambda i, _: sp.Function(f"h_{i + 1}", real=True)(*moving))
 
 
 def load_tree(path: Path, gravity: float = 9.81) -> Tree:

@@ -84,10 +84,10 @@ def check_structure(path: Path) -> None:
     joints = _by_name(path, robot.findall("joint"))
     for joint in joints.values():
         for end in ("parent", "child"):
-            found = joint.find(end)
-            if found is None or found.get("link") not in links:
-                world = found is not None and found.get("link") == "world"
-                remedy = 'Add <link name="world"/>, which only Drake assumes.' if world else "Correct it."
+            named = attributes(joint, end).get("link")
+            if named not in links:
+                world = 'Add <link name="world"/>, which only Drake assumes.'
+                remedy = world if named == "world" else "Correct it."
                 _refuse(path, joint, f"<{end}> link", "names no link of this file", remedy)
         _check_range(path, joint)
     _check_tree(path, joints)
@@ -107,11 +107,8 @@ def check_bodies(path: Path, locked: Collection[str] = (), floating: bool = Fals
     """
     robot = _root(path)
     links = {str(link.get("name")): link for link in robot.findall("link")}
-    moving = {
-        joint.find("child").get("link")  # type: ignore[union-attr]
-        for joint in robot.findall("joint")
-        if joint.get("type") != "fixed" and joint.get("name") not in locked
-    }
+    joints = [j for j in robot.findall("joint") if j.get("type") != "fixed" and j.get("name") not in locked]
+    moving = {ends(joint)[1] for joint in joints}
     bare = [name for name in links if name in moving and _massless(links[name])]
     if bare:
         raise UserError(
@@ -126,15 +123,26 @@ def check_bodies(path: Path, locked: Collection[str] = (), floating: bool = Fals
 def links_moved(robot: ElementTree.Element, locked: Collection[str] = ()) -> list[str]:
     """Links that some joint moves, by itself or through others; `locked` joints move nothing themselves."""
     moved: list[str] = []
-    ends = [(j, j.find("parent"), j.find("child")) for j in robot.findall("joint")]
-    pairs = [
-        (j.get("type") == "fixed" or j.get("name") in locked, str(a.get("link")), str(b.get("link")))
-        for j, a, b in ends
-        if a is not None and b is not None
-    ]
+    pairs = [(j.get("type") == "fixed" or j.get("name") in locked, *ends(j)) for j in robot.findall("joint")]
     while more := [c for held, p, c in pairs if (not held or p in moved) and c not in moved]:
         moved += more
     return moved
+
+
+def attributes(part: ElementTree.Element, path: str) -> Mapping[str, str]:
+    """The attributes of an element below a link or joint; none where it is not there."""
+    found = part.find(path)
+    return {} if found is None else found.attrib
+
+
+def ends(joint: ElementTree.Element) -> tuple[str, str]:
+    """The links that a joint joins: parent and child."""
+    return attributes(joint, "parent").get("link", ""), attributes(joint, "child").get("link", "")
+
+
+def mass_of(link: ElementTree.Element) -> float:
+    """Mass that a link states, kg; 0 for none."""
+    return float(attributes(link, "inertial/mass").get("value", "0"))
 
 
 @contextmanager
@@ -171,44 +179,33 @@ def _check_tree(path: Path, joints: Mapping[str, ElementTree.Element]) -> None:
 
     Links that carry each other close one beside the root, on which nothing then hangs them.
     """
-    carried: dict[str, str] = {}
-    above: dict[str, str] = {}
-    for name, joint in joints.items():
-        child = joint.find("child").get("link", "")  # type: ignore[union-attr]
-        if child in carried:
-            why = f"joints '{excerpt(carried[child], 40)}' and '{excerpt(name, 40)}' both carry it: a closed chain"
+    above: dict[str, ElementTree.Element] = {}
+    for joint in joints.values():
+        child = ends(joint)[1]
+        if child in above:
+            both = " and ".join(f"'{excerpt(j.get('name', ''), 40)}'" for j in (above[child], joint))
+            why = f"joints {both} both carry it: a closed chain"
             _refuse(path, joint, f"<child> link '{excerpt(child, 40)}'", why, "Open the chain at one of them.")
-        carried[child] = name
-        above[child] = joint.find("parent").get("link", "")  # type: ignore[union-attr]
-    for child in above:
-        link, ring_links = child, {child}
-        while (link := above.get(link, "")) in above and link not in ring_links:
-            ring_links.add(link)
+        above[child] = joint
+    for child, joint in above.items():
+        link, ring = ends(joint)[0], {child}
+        while link in above and link not in ring:
+            ring.add(link)
+            link = ends(above[link])[0]
         if link == child:
-            ring = ", ".join(f"'{excerpt(n, 40)}'" for n in sorted(ring_links)[:4])
-            why = f"its chain leads back to it: {ring} hang on each other and not on a root"
-            _refuse(
-                path,
-                joints[carried[child]],
-                f"<child> link '{excerpt(child, 40)}'",
-                why,
-                "Attach one of them to the root.",
-            )
+            named = ", ".join(f"'{excerpt(n, 40)}'" for n in sorted(ring)[:4])
+            why = f"its chain leads back to it: {named} hang on each other and not on a root"
+            _refuse(path, joint, f"<child> link '{excerpt(child, 40)}'", why, "Attach one of them to the root.")
 
 
 def _root(path: Path) -> ElementTree.Element:
     if not reading.is_file(path):
-        raise UserError(
-            "the model file does not exist",
-            file=path,
-            remedy="Correct its path (`plant.urdf` of a case, `--urdf` of `simgap new`).",
-        )
+        remedy = "Correct its path (`plant.urdf` of a case, `--urdf` of `simgap new`)."
+        raise UserError("the model file does not exist", file=path, remedy=remedy)
     robot = reading.read_xml(path)
     if robot.tag != "robot":
-        raise UserError(
-            f"the root element is <{excerpt(robot.tag, 40)}>, not <robot>", file=path,
-            remedy=_FORMATS.get(robot.tag, "A URDF begins with <robot>."),
-        )  # fmt: skip
+        problem = f"the root element is <{excerpt(robot.tag, 40)}>, not <robot>"
+        raise UserError(problem, file=path, remedy=_FORMATS.get(robot.tag, "A URDF begins with <robot>."))
     for element in robot.iter():
         filled = next((v for v in element.attrib.values() if "${" in v or "$(" in v), None)
         if element.tag.startswith("xacro:") or filled is not None:
@@ -230,11 +227,8 @@ def _felt(part: ElementTree.Element) -> Iterator[ElementTree.Element]:
 
 def _check_range(path: Path, joint: ElementTree.Element) -> None:
     """Limits in the wrong order end Drake's process, and are none for PyBullet."""
-    limit = joint.find("limit")
-    if limit is None or joint.get("type") not in ("revolute", "prismatic"):
-        return
-    lower, upper = (limit.get(end, "0") for end in ("lower", "upper"))
-    if float(lower) > float(upper):
+    lower, upper = (attributes(joint, "limit").get(end, "0") for end in ("lower", "upper"))
+    if joint.get("type") in ("revolute", "prismatic") and float(lower) > float(upper):
         remedy = "Correct them; a hinge without limits is `continuous`."
         _refuse(path, joint, "<limit> lower, upper", f"'{lower}' lies above '{upper}'", remedy)
 
@@ -260,7 +254,7 @@ def _check_numbers(path: Path, part: ElementTree.Element, element: ElementTree.E
         if text is None:
             continue
         what = f"<{element.tag}> {attribute}"
-        values = [_number(word) for word in text.split()] if len(text) < 1000 else []
+        values = [number_of(word) for word in text.split()] if len(text) < 1000 else []
         if len(values) != count or not all(math.isfinite(v) for v in values):
             wanted = "one number" if count == 1 else f"{count} numbers"
             _refuse(path, part, what, f"'{excerpt(text, 60)}' is not {wanted}", "Correct it.")
@@ -284,25 +278,27 @@ def _check_place(path: Path, part: ElementTree.Element, element: ElementTree.Ele
     """
     name = element.get("filename")
     if name is not None and not inside_folders(path, name):
-        what, why = (
-            f"<{excerpt(element.tag, 40)}> filename",
-            f"'{excerpt(name, 60)}' lies outside the model's folders",
-        )
-        _refuse(path, part, what, why, f"Put it beside the model, or trust it: set {TRUST}=1.")
+        why = f"'{excerpt(name, 60)}' lies outside the model's folders"
+        remedy = f"Put it beside the model, or trust it: set {TRUST}=1."
+        _refuse(path, part, f"<{excerpt(element.tag, 40)}> filename", why, remedy)
 
 
 def inside_folders(path: Path, name: str) -> bool:
     """True if a file that a model names lies where packages keep theirs, or whoever runs simgap trusts the model."""
-    if os.environ.get(TRUST) == "1":
-        return True
     scheme = name.rpartition("://")[0]
     places = places_of(path if scheme == "package" else reading.real(path), name)[:1]
-    inside = reading.real(Path(os.path.abspath(path)).parent.parent)
-    return scheme in ("", "package", "file") and all(reading.real(own).is_relative_to(inside) for own in places)
+    known = scheme in ("", "package", "file") or os.environ.get(TRUST) == "1"
+    return known and all(inside(path, place) for place in places)
 
 
-def _number(word: str) -> float:
-    """A number as engines read it: digits of other scripts and underscores are none."""
+def inside(path: Path, place: Path) -> bool:
+    """The same of a file at its place."""
+    folder = reading.real(Path(os.path.abspath(path)).parent.parent)
+    return os.environ.get(TRUST) == "1" or reading.real(place).is_relative_to(folder)
+
+
+def number_of(word: str) -> float:
+    """A number as engines read it, or NaN: digits of other scripts and underscores are none."""
     try:
         return float(word) if word.isascii() and "_" not in word else math.nan
     except ValueError:
@@ -310,16 +306,12 @@ def _number(word: str) -> float:
 
 
 def _massless(link: ElementTree.Element) -> bool:
-    mass = link.find("inertial/mass")
-    return mass is None or link.find("inertial/inertia") is None or float(mass.get("value", "0")) == 0.0
+    return mass_of(link) == 0.0 or link.find("inertial/inertia") is None
 
 
 def _check_inertia(path: Path, link: ElementTree.Element) -> None:
     """Refuse moments that no body has: the largest is at most the sum of the others, and so none is negative."""
-    inertia = link.find("inertial/inertia")
-    if inertia is None:
-        return
-    least, middle, most = moments = principal_moments(inertia)
+    least, middle, most = moments = principal_moments(link)
     excess = most - middle - least
     if excess > _ROUNDING * max(1.0, most):
         why = (
@@ -329,18 +321,17 @@ def _check_inertia(path: Path, link: ElementTree.Element) -> None:
         _refuse(path, link, "<inertia>", why, "Correct it, for instance to that of a uniform body of its shape.")
 
 
-def principal_moments(inertia: ElementTree.Element | None) -> Floats:
-    """Principal moments of an `<inertia>`, kg m^2, ascending (3,); zeros for none."""
-    ixx, iyy, izz, ixy, ixz, iyz = (
-        0.0 if inertia is None else float(inertia.get(name, "0")) for name in NUMBERS["inertia"]
-    )
+def principal_moments(link: ElementTree.Element) -> Floats:
+    """Principal moments of a link's `<inertia>`, kg m^2, ascending (3,); zeros for none."""
+    stated = attributes(link, "inertial/inertia")
+    ixx, iyy, izz, ixy, ixz, iyz = (float(stated.get(name, "0")) for name in NUMBERS["inertia"])
     return np.asarray(np.linalg.eigvalsh(np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])))
 
 
 def root_link(path: Path) -> str:
     """The link that no joint moves, which a fixed-base plant welds to the world."""
     robot = _root(path)
-    children = {child.get("link") for joint in robot.findall("joint") if (child := joint.find("child")) is not None}
+    children = {ends(joint)[1] for joint in robot.findall("joint")}
     roots = [str(link.get("name")) for link in robot.findall("link") if link.get("name") not in children]
     if len(roots) != 1:
         raise UserError(f"a model needs one root link, this has {excerpt(roots)}", file=path)
@@ -380,16 +371,16 @@ def check_floating_root(path: Path) -> None:
     check_bodies(path, floating=True)
     name = root_link(path)
     link = next(part for part in _root(path).findall("link") if part.get("name") == name)
-    mass, inertia = link.find("inertial/mass"), link.find("inertial/inertia")
-    weighs = mass is not None and float(mass.get("value", "0")) > 0.0
-    if not weighs or inertia is None or not any(float(inertia.get(k, "0")) for k in ("ixx", "iyy", "izz")):
+    inertia = attributes(link, "inertial/inertia")
+    if _massless(link) or not any(float(inertia.get(k, "0")) for k in ("ixx", "iyy", "izz")):
         _refuse(
             path, link, "<inertial>", "the root of a free-standing robot has no mass and inertia",
             "Make the chassis the root, its frame midway between the wheels, or give this link its mass and inertia.",
         )  # fmt: skip
 
 
-_TURNS, _SLIDES = ("rad", "rad/s", "N*m"), ("m", "m/s", "N")
+_TURNS = {"position": "rad", "velocity": "rad/s", "force": "N*m"}
+_SLIDES = {"position": "m", "velocity": "m/s", "force": "N"}
 
 
 def check_joint_units(section: PlantSection, urdf: Path) -> None:
@@ -414,18 +405,13 @@ def check_units(section: PlantSection, types: Mapping[str, str], file: str) -> N
     """
     for group, owners in (("states", section.states), ("inputs", section.inputs)):
         for name, owner in owners.items():
-            if owner.joint is not None and types.get(owner.joint, "fixed") == "fixed":
-                moving = ", ".join(n for n, kind in types.items() if kind != "fixed") or "none"
-                raise UserError(
-                    f"{file} has no moving joint '{owner.joint}'", key=f"plant.{group}.{name}.joint",
-                    remedy=f"Moving joints: {moving}.",
-                )  # fmt: skip
-    units = {name: _SLIDES if kind == "prismatic" else _TURNS for name, kind in types.items()}
-    for name, state in section.states.items():
-        if state.joint in units and state.quantity is not None:
-            position, velocity, _ = units[state.joint]
-            wanted = position if state.quantity == "position" else velocity
-            require_unit(state.unit, wanted, f"plant.states.{name}.unit")
-    for name, drive in section.inputs.items():
-        if drive.joint in units:
-            require_unit(drive.unit, units[drive.joint][2], f"plant.inputs.{name}.unit")
+            if owner.joint is None:
+                continue
+            kind = types.get(owner.joint, "fixed")
+            if kind == "fixed":
+                moving = ", ".join(n for n, other in types.items() if other != "fixed") or "none"
+                problem = f"{file} has no moving joint '{owner.joint}'"
+                raise UserError(problem, key=f"plant.{group}.{name}.joint", remedy=f"Moving joints: {moving}.")
+            wanted = (_SLIDES if kind == "prismatic" else _TURNS).get(getattr(owner, "quantity", "force"))
+            if wanted is not None:
+                require_unit(owner.unit, wanted, f"plant.{group}.{name}.unit")

@@ -15,12 +15,7 @@ from simgap.io.rerun.recording import PlanarScene
 from simgap.io.results import stack
 from simgap.io.traces import GAP_AWARE, MODEL, NOMINAL, SIMULATOR, first_seconds, shown
 from simgap.plants.context import Context
-from simgap.report.figures import arena as figures_arena
-from simgap.report.figures import domains as figures_domains
-from simgap.report.figures import gap as figures_gap
-from simgap.report.figures import margins as figures_margins
-from simgap.report.figures import problem as figures_problem
-from simgap.report.figures import traces as figures_traces
+from simgap.report.figures import cells, gap, problem, runs
 from simgap.report.material import Material
 from simgap.report.scene import limits, scene
 from simgap.report.tables import is_signed, promised_steps, sweep
@@ -75,7 +70,7 @@ def draw(m: Material) -> Drawn:
     with style.figure_style():
         made = {"problem": _problem(m), **_bound(m), "sweep": _sweep(m), **_loop(m), "margins": _margins(m)}
         if m.corrected is not None and len(m.context.states) == 2:
-            made["corrected"] = figures_domains.domains_figure(m.corrected.controllers, [], m.context.units)
+            made["corrected"] = cells.domains_figure(m.corrected.controllers, [], m.context.units)
         small = shown_on_the_index(made, len(m.context.states))
         for name, figure in made.items():
             if figure is None:
@@ -102,23 +97,23 @@ def _problem(m: Material) -> Any:
         surroundings(context, pair)(own)
 
     names = context.states, context.inputs
-    return figures_problem.problem_figure(context.box, context.input_set, names, context.units, specified)
+    return problem.problem_figure(context.box, context.input_set, names, context.units, specified)
 
 
 def _bound(m: Material) -> dict[str, Any]:
     """The bound over states or, where it depends on two inputs alone, over these."""
-    by_input = figures_gap.over_inputs(m.bound) if len(m.context.inputs) == 2 else None
+    by_input = gap.over_inputs(m.bound) if len(m.context.inputs) == 2 else None
     if by_input is not None:
-        return {"inputs": figures_gap.inputs_figure(m.bound, *by_input, m.context.units)}
+        return {"inputs": gap.inputs_figure(m.bound, *by_input, m.context.units)}
     states, inputs = m.context.states, m.context.inputs
     x, u = stack(m.samples, states), stack(m.samples, inputs)
     d = stack(m.samples, [f"gap_{n}" for n in states])
-    return {"bound": figures_gap.bound_figure(m.bound, x, u, d, m.context.units)}
+    return {"bound": gap.bound_figure(m.bound, x, u, d, m.context.units)}
 
 
 def _sweep(m: Material) -> Any:
     rows = sweep(m)
-    return figures_gap.sweep_figure(rows, m.context.states, m.context.units) if len(rows) > 1 else None
+    return gap.sweep_figure(rows, m.context.states, m.context.units) if len(rows) > 1 else None
 
 
 def _loop(m: Material) -> dict[str, Any]:
@@ -127,24 +122,24 @@ def _loop(m: Material) -> dict[str, Any]:
     chosen = {kind: shown(m.traces, kind) for kind in (NOMINAL, GAP_AWARE)}
     until = first_seconds(chosen)
     steps = {k: t[SIMULATOR].get("steps_to_target", ()) for k, t in m.validation["controllers"].items()}
-    out = {"gap": figures_traces.gap_figure(chosen[GAP_AWARE], context.states, context.units, until)}
+    out = {"gap": runs.gap_figure(chosen[GAP_AWARE], context.states, context.units, until)}
     if len(context.states) == 2:
-        out["domains"] = figures_domains.domains_figure(
+        out["domains"] = cells.domains_figure(
             m.controllers, m.traces, context.units, surroundings(context), specification_of(context.case).words.violated
         )
     elif len(context.states) == 3:
-        out["domains"] = figures_domains.slices_figure(m.controllers[GAP_AWARE], context.units)
+        out["domains"] = cells.domain_slices_figure(m.controllers[GAP_AWARE], context.units)
     if isinstance(where, PlanarScene):
         draw_floor = surroundings(context, where.axes[:2])
-        out["trajectories"] = figures_arena.arena_figure(where, m.traces, context.units, context.states, draw_floor)
+        out["trajectories"] = runs.arena_figure(where, m.traces, context.units, context.states, draw_floor)
     else:
         section, towards = context.case.validation, any(len(s) for s in steps.values())
         stuck = 0.0 if section is None or towards else section.steps * (1.0 - 1e-9) * context.domain.tau
-        out["trajectories"] = figures_traces.trajectories_figure(
+        out["trajectories"] = runs.trajectories_figure(
             chosen, m.traces, limits(context), context.states, context.units, stuck
         )
     if any(len(s) for s in steps.values()):
-        out["times"] = figures_arena.times_figure(steps, context.domain.tau, promised_steps(m))
+        out["times"] = runs.times_figure(steps, context.domain.tau, promised_steps(m))
     return out
 
 
@@ -155,9 +150,9 @@ def _margins(m: Material) -> Any:
         return None
     factor = m.margins["factor"].to_numpy().astype(np.float64)
     if len(states) == 3:
-        return figures_margins.slices_figure(grid, factor, states, m.context.units)
+        return cells.margin_slices_figure(grid, factor, states, m.context.units)
     extra = stack(m.margins, [f"extra_{n}" for n in states]).astype(np.float64)
-    return figures_margins.plane_figure(grid, factor, extra, states, m.context.units)
+    return cells.margins_figure(grid, factor, extra, states, m.context.units)
 
 
 def surroundings(context: Context, axes: tuple[int, int] = (0, 1)) -> Callable[[Any], None]:

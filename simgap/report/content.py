@@ -1,17 +1,21 @@
-"""Content of a case's page: the verdict, tables and the guarantee, as plain data for the template."""
+"""Content of a case's page as plain data for the template: a plain sentence and key figures first, then the details."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
+from simgap.config.controller import Trials
 from simgap.gap.bounds.function import PROVEN
-from simgap.io.traces import GAP_AWARE
-from simgap.notation import pretty_unit
-from simgap.report import adversary, tables
-from simgap.report.headline import common_free, verdict
+from simgap.gap.fitting.acceptance import Outside, clopper_pearson_upper
+from simgap.io.traces import BASELINE, EVERY_TITLE, GAP_AWARE, MODEL, NOMINAL, SIMULATOR, shown
+from simgap.notation import number, pretty_unit
+from simgap.report import tables
 from simgap.report.material import Material
-from simgap.specifications.base import specification_of
+from simgap.specifications.base import STUCK, specification_of
 from simgap.specifications.space import Space
 
 INTEGRATORS = {
@@ -54,7 +58,7 @@ def content(m: Material) -> dict[str, Any]:
         "common_free": common_free(m.syntheses),
         "between": between_samples(m),
         "unproven": unproven(m.gap),
-        "adversary": adversary.section(m),
+        "adversary": tables.adversary(m),
         "margins": audit.get("margins"),
         "no_margins": audit.get("no_margins", ""),
         "diagnosis": tables.diagnosis(m),
@@ -150,9 +154,279 @@ def summary(m: Material, page: Mapping[str, Any]) -> dict[str, Any]:
         "winning_cells": {kind: s["winning_cells"] for kind, s in m.syntheses.items()},
         "closed_loop": m.validation["controllers"],
         "between_samples": page["between"],
-        "audit": adversary.figures(m),
+        "audit": tables.adversary_figures(m),
         "margins": page["margins"],
         "guarantee": m.gap["guarantee"],
         "diagnosis": page["diagnosis"]["verdict"] if page["diagnosis"] else None,
         **({"twin": {k: m.twin[k] for k in ("engine", "samples", "largest")}} if m.twin is not None else {}),
     }
+
+
+LITTLE = 2
+"""Steps to the target, at the most, of a controller that is said to win next to nothing (judgement)."""
+
+
+def verdict(m: Material) -> dict[str, Any]:
+    """Verdict on the promise, in plain words and figures, and a technical sentence on each part of the evidence."""
+    tallies = m.validation["controllers"]
+    gap_aware, nominal = tallies[GAP_AWARE][SIMULATOR], tallies[NOMINAL][SIMULATOR]
+    kept, runs = gap_aware["runs_that_kept_the_specification"], gap_aware["runs"]
+    attacked = m.audit["violations"] if m.audit is not None else 0
+    good = kept == runs and gap_aware["steps_outside_gamma"] == 0 and not attacked
+    words, section = specification_of(m.context.case).words, m.context.case.validation
+    steps = section.steps if section is not None else math.inf
+    little = little_won(tables.promised_steps(m))
+    recordings = contradicted(m)
+    only = " in the simulator, not shown for the plant" if recordings else ", but small" if little else ""
+    return {
+        "good": good,
+        "badge": f"promise kept{only}" if good else "promise broken",
+        "recordings": recordings,
+        "plain": plain(m),
+        "tiles": tiles(m),
+        "little": little,
+        "gap_aware": f"Gap-aware controller: {kept:,} of {runs:,} runs {words.kept}, "
+        f"{gap_aware['steps_outside_gamma']:,} of {gap_aware['steps']:,} steps outside gamma.",
+        "sample": _sample(m),
+        "nominal": f"Nominal-only controller: {_violations(nominal, steps)}.",
+        "failure": failure(m),
+        "cells_apart": cells_apart(m),
+        "on_model": on_model(m),
+        "baseline": _baseline(m),
+        "arrival": _arrival(m),
+        "winning": f"The gap-aware controller wins {_won(m, GAP_AWARE)} of the {words.allowed} for every gap within "
+        f"its bound; the nominal-only controller wins {_won(m, NOMINAL)}, for the model alone.{_own_share(m)}",
+        "adversary": tables.adversary_sentence(m),
+        "tolerated": m.gap.get("fresh", {}).get("violations", 0),
+        "outside": str(Outside(**worst)) if (worst := m.gap.get("fresh", {}).get("outside")) else "",
+    }
+
+
+def contradicted(m: Material) -> str:
+    """Sentences where recordings of the plant show what both model and simulator lack: no promise covers that."""
+    found, section = m.diagnosis, m.context.case.measured
+    if found is None or section is None or section.rig == "simulator" or found["verdict"] == "none":
+        return ""
+    lacking = (found.get("simulator") or {}).get("effects")
+    if found["verdict"] == "unexplained":
+        return (
+            "Recordings of the plant contradict the model, and no effect of the library explains the difference: what "
+            "is promised here is promised for the simulator alone."
+        )
+    words = (
+        "Recordings of the plant contradict the model, and the simulator lacks the same effects: what is promised here "
+        "is promised for the simulator alone. The corrected case has a bound and a controller with these effects."
+    )
+    return words if lacking else ""
+
+
+def plain(m: Material) -> str:
+    """Summary for a reader who does not know the terms: both controllers, and the adversary."""
+    tallies, failed = m.validation["controllers"], specification_of(m.context.case).words.failed
+    gap_aware, nominal = tallies[GAP_AWARE][SIMULATOR], tallies[NOMINAL][SIMULATOR]
+    bad, runs = gap_aware["runs_that_violated_it"], gap_aware["runs"]
+    checked = "" if specification_of(m.context.case).between_samples else f", checked every {m.context.domain.tau:g} s"
+    said = f"In {runs:,} simulated runs{_length(m)}{checked}, the controller that knows the gap "
+    said += f"never {failed}. " if not bad else f"failed {bad:,} times. "
+    if outside := gap_aware["steps_outside_gamma"]:
+        said += f"But {outside:,} of {gap_aware['steps']:,} steps lay outside the bound of the gap. "
+    said += f"The controller that trusts the model {_trusting(nominal, failed, m.context.domain.tau)}."
+    if m.audit is None:
+        return said
+    found, tried = m.audit["violations"], tables.attempts(m.audit)
+    return f"{said} An adversary found {found or 'no'} violation{'s' * (found > 1)} in {tried:,} attempts."
+
+
+def _length(m: Material) -> str:
+    """How long a run is, as words behind it: a promise may be for ever, no run is."""
+    tally, steps = m.validation["controllers"][GAP_AWARE][SIMULATOR], m.validation["steps"]
+    whole = tally["steps"] == tally["runs"] * steps
+    return f" of {'' if whole else 'at most '}{number(steps * m.context.domain.tau, 3)} s"
+
+
+def _trusting(tally: Mapping[str, Any], failed: str, tau: float) -> str:
+    """Clause on how the nominal-only controller ended, after the words that name it."""
+    bad, runs, median = tally["runs_that_violated_it"], tally["runs"], tally.get("median_steps_until_violation")
+    if not runs:
+        return "promises nothing at any of these starts"
+    if not bad:
+        return f"did not fail in {runs:,} runs either, but nothing guarantees that"
+    what = _ended(tally, failed)
+    soon = f", half of the failures within {number(median * tau, 2)} s" if median and bad > 1 else ""
+    return f"{what} in {bad:,} of {runs:,} runs{soon}"
+
+
+def _ended(tally: Mapping[str, Any], failed: str) -> str:
+    """What the runs of a controller did that broke the promise; one without an input is stopped before it leaves."""
+    return "failed" if tally["ends"].get(STUCK) else failed
+
+
+def tiles(m: Material) -> list[tuple[str, str]]:
+    """Key figures: a value, and what it is."""
+    tallies, words = m.validation["controllers"], specification_of(m.context.case).words
+    found = [
+        (f"{t['runs_that_violated_it']:,} of {t['runs']:,}", f"runs {_ended(t, words.failed)}, {name}")
+        for t, name in ((tallies[k][SIMULATOR], EVERY_TITLE[k]) for k in (GAP_AWARE, BASELINE, NOMINAL) if k in tallies)
+    ]
+    if m.audit is not None:
+        found.append(
+            (f"{m.audit['violations']:,}", f"violations in {tables.attempts(m.audit):,} attempts of an adversary")
+        )
+    share = m.syntheses[GAP_AWARE]["winning_cells"] / max(1, common_free(m.syntheses))
+    return [*found, (f"{100.0 * share:.1f} %", f"of the {words.allowed}: states where the promise holds")]
+
+
+def little_won(promised: int | None) -> str:
+    """Sentences where the promise ends a step or two from the target; `promised` steps are the longest way."""
+    if promised is None or promised > LITTLE:
+        return ""
+    samples = "one sample" if promised == 1 else f"{promised} samples"
+    return (
+        f"It wins almost nothing: every winning state lies within {samples} of the target. Stronger inputs "
+        "(domain.U), another domain.tau, finer synthesis.cells or a smaller gap carry it further."
+    )
+
+
+def common_free(syntheses: Mapping[str, Mapping[str, Any]]) -> int:
+    """The cells that shares of all controllers are of: the largest set in which one of them may be.
+
+    The path between samples takes cells from controllers that check it, so that a share of their own rest is more.
+    """
+    return max(int(s["free_cells"]) for s in syntheses.values())
+
+
+def _won(m: Material, kind: str) -> str:
+    """The share of the common cells that is won, and how many cells it is."""
+    cells = int(m.syntheses[kind]["winning_cells"])
+    return f"{100 * cells / max(1, common_free(m.syntheses)):.1f} % ({cells:,} cells)"
+
+
+def _own_share(m: Material) -> str:
+    """Sentence on the share won of the cells that stay free between samples, where these are fewer."""
+    found, every = m.syntheses[GAP_AWARE], common_free(m.syntheses)
+    if found["free_cells"] == every:
+        return ""
+    return (
+        f" Both are shares of {every:,} cells; {found['free_cells']:,} of them stay free between samples, of which "
+        f"it wins {100 * found['winning_fraction']:.1f} %."
+    )
+
+
+def failure(m: Material) -> str:
+    """Why the nominal-only controller fails: the step that takes the run drawn out of its domain, which its gap did.
+
+    Nothing where the run fails otherwise: the step has to end outside the domain, and inside without its gap.
+    """
+    run, controller, units = shown(m.traces, NOMINAL), m.controllers[NOMINAL], m.context.units
+    if len(run.x) < 2 or not m.validation["controllers"][NOMINAL][SIMULATOR]["runs_that_violated_it"]:
+        return ""
+    end, gap = run.x[-1], run.d[-2]
+    if not controller.contains((end - gap)[None])[0] or controller.contains(end[None])[0]:
+        return ""
+    named = [(name, pretty_unit(units[name])) for name in m.context.states]
+    where = ", ".join(f"{n} = {number(x)} {unit}".rstrip() for (n, unit), x in zip(named, end, strict=True))
+    by = ", ".join(f"{number(d, 3)} {unit} in {n}".replace("  ", " ") for (n, unit), d in zip(named, gap, strict=True))
+    return (
+        f" In the run drawn, the last step ends at {where}, outside its winning domain. The gap of that step ({by}) is "
+        "the cause: the model alone would have stayed inside."
+    )
+
+
+def cells_apart(m: Material) -> str:
+    """How many cells one controller wins and the other loses, and why: the gap costs cells, a known bias gives some."""
+    aware, nominal = m.controllers[GAP_AWARE], m.controllers[NOMINAL]
+    if aware.grid.cells != nominal.grid.cells:
+        return ""
+    lost, won = (
+        int(np.count_nonzero(a.solution.winning & ~b.solution.winning)) for a, b in ((nominal, aware), (aware, nominal))
+    )
+    path = ", or the path between samples," if specification_of(m.context.case).between_samples else ""
+    said = ""
+    if lost:
+        said += (
+            f" The gap-aware controller loses {_cells(lost)} that the other wins: there, some gap within gamma{path} "
+            "leads out."
+        )
+    if won and tables.is_signed(m.gap):
+        said += (
+            f" The gap-aware controller wins {_cells(won)} that the other loses: gamma excludes zero in places, and "
+            "the gap that is certain to act there helps."
+        )
+    return said
+
+
+def on_model(m: Material) -> str:
+    """Why the gap-aware controller fails on the nominal model, where it does: that is not what it was made for."""
+    tally = m.validation["controllers"][GAP_AWARE].get(MODEL)
+    if tally is None or not tally["runs_that_violated_it"]:
+        return ""
+    own = getattr(m.context.case.simulator, "inertia", None) == "engine"
+    other = ", whose inertia the engine computes," * own
+    bad, runs = tally["runs_that_violated_it"], tally["runs"]
+    return (
+        f"The gap-aware controller is made for the simulator{other} and promises nothing about the nominal model. "
+        f"There, {bad:,} of {runs:,} runs fail: gamma excludes a gap of zero in places."
+    )
+
+
+def _cells(count: int) -> str:
+    return f"{count:,} cell{'s' * (count != 1)}"
+
+
+def _violations(tally: Mapping[str, Any], steps: float) -> str:
+    bad, runs = tally["runs_that_violated_it"], tally["runs"]
+    if not bad:
+        return f"none of {runs:,} runs violates the specification in the simulator, but nothing guarantees that"
+    text = f"{bad:,} of {runs:,} runs violate the specification in the simulator"
+    if stuck := min(bad, tally["ends"].get(STUCK, 0)):  # nobody knows what the plant would do next
+        own = "all" if stuck == bad else f"{stuck:,}"
+        text = (
+            f"{bad:,} of {runs:,} runs fail in the simulator; {own} of them reach a state without an admissible input"
+        )
+    median = tally.get("median_steps_until_violation")
+    # a run that never failed is counted at its end, which tells nothing
+    return text + (f"; half of the failures occur within {median:,.0f} steps" if median and median < steps else "")
+
+
+def _sample(m: Material) -> str:
+    """Sentence on what the number of runs alone says, whatever bound and controller rest on, and what more would."""
+    tally, section = m.validation["controllers"][GAP_AWARE][SIMULATOR], m.context.case.validation
+    given = len(section.first) if section is not None else 0
+    bad, drawn = tally["runs_that_violated_it"], tally["runs"] - given
+    if drawn < 1:
+        return ""
+    share = f"Of starts drawn like these at most {_at_most(drawn, min(bad, drawn))} fail, with 95 % confidence"
+    full = section.count(Trials.FULL) - given if section is not None else 0
+    return share + (f"; a full run makes it {_at_most(full, 0)}." if full > drawn and not bad else ".")
+
+
+def _at_most(n: int, bad: int) -> str:
+    """The upper bound of a share, rounded up to a tenth of a per cent."""
+    return f"{math.ceil(1000.0 * clopper_pearson_upper(n, bad)) / 10.0:g} %"
+
+
+def _arrival(m: Material) -> str:
+    """When the target is reached at the latest, promised and seen."""
+    steps, tau = m.validation["controllers"][GAP_AWARE][SIMULATOR].get("steps_to_target"), m.context.domain.tau
+    promised = tables.promised_steps(m)
+    if not steps or promised is None:
+        return ""
+    return (
+        f"The gap-aware controller promises the target within {promised * tau:g} s from every winning state, whatever "
+        f"the gap does within gamma; its longest run here took {max(steps) * tau:g} s."
+    )
+
+
+def _baseline(m: Material) -> str:
+    """Sentence on what the fair baseline did; empty where none ran."""
+    tally = m.validation["controllers"].get(BASELINE, {}).get(SIMULATOR)
+    if tally is None:
+        return ""
+    words = specification_of(m.context.case).words
+    kept, runs = tally["runs_that_kept_the_specification"], tally["runs"]
+    left, steps = tally.get("steps_that_left_the_certified_box"), tally["steps"]
+    outside = f", {left:,} of {steps:,} steps outside the predicted box" if left is not None else ""
+    return (
+        "Fair baseline (nominal-only, but it checks the model's path between samples): "
+        f"{kept:,} of {runs:,} runs {words.kept}{outside}."
+    )

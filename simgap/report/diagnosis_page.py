@@ -15,13 +15,7 @@ from simgap.io import figure_style as style
 from simgap.io.pages import render
 from simgap.notation import joined
 from simgap.report.explorer import explored_predictions
-from simgap.report.figures.diagnosis import (
-    error_figure,
-    missing_figure,
-    overlay_figure,
-    steps_figure,
-    torque_error_figure,
-)
+from simgap.report.figures import diagnosis as pictures
 
 TEMPLATE, ARM_TEMPLATE = "diagnosis.html.j2", "arm_diagnosis.html.j2"
 MOST_OVERLAYS, WINDOWS_SHOWN = 2, 6
@@ -56,17 +50,18 @@ def draw(
     texts: dict[str, Any] = {"error": "", "steps": "", "explored": explored_predictions(own, names[0], units)}
     with style.figure_style():
         if document["error"]["before"]["horizon_rmse"]:
-            texts["error"] = style.drawn(folder / "error.svg", error_figure, document["error"], units)
-        overlays = [
-            (f"measured-{k + 1}.svg", shown, names[0], units, document["noise"], names[1])
-            for k, shown in enumerate(stretches(windows))
+            texts["error"] = style.drawn(folder / "error.svg", pictures.error_figure, document["error"], units)
+        content = names[0], units, document["noise"], names[1]
+        texts["overlays"] = [
+            (shown[0].trace, style.drawn(folder / f"measured-{k}.svg", pictures.overlay_figure, shown, *content))
+            for k, shown in enumerate(stretches(windows), start=1)
         ]
-        texts["overlays"] = [(o[1][0].trace, style.drawn(folder / o[0], overlay_figure, *o[1:])) for o in overlays]
         texts["missing"] = [
-            (m.label, style.drawn(folder / f"residual-{k + 1}.svg", missing_figure, m)) for k, m in enumerate(missing)
+            (m.label, style.drawn(folder / f"residual-{k}.svg", pictures.missing_figure, m))
+            for k, m in enumerate(missing, start=1)
         ]
         if document["steps"]:
-            texts["steps"] = style.drawn(folder / "steps.svg", steps_figure, document["steps"])
+            texts["steps"] = style.drawn(folder / "steps.svg", pictures.steps_figure, document["steps"])
     return texts
 
 
@@ -78,9 +73,9 @@ def draw_arm(
     before, after = (document["error"][side]["fit_rmse"] for side in ("before", "after"))
     with style.figure_style():
         return {
-            "error": style.drawn(folder / "error.svg", torque_error_figure, before, after, inputs, units),
+            "error": style.drawn(folder / "error.svg", pictures.torque_error_figure, before, after, inputs, units),
             "overlays": [
-                (p.trace, style.drawn(folder / f"torques-{k + 1}.svg", overlay_figure, [p], inputs, units))
+                (p.trace, style.drawn(folder / f"torques-{k + 1}.svg", pictures.overlay_figure, [p], inputs, units))
                 for k, p in enumerate(longest)
             ],
             "explored": explored_predictions(longest[:1], inputs, units) if longest else None,

@@ -1,6 +1,6 @@
 """Held-out transitions of the recordings against `f +- gamma`, before and after the correction.
 
-The diagnosis keeps the transitions, the report holds them against the two bounds. What is measured carries noise at
+The diagnosis keeps the transitions, the report compares them with the two bounds. What is measured carries noise at
 both ends of a step, so the share that noise alone would leave inside the same bound stands beside it.
 """
 

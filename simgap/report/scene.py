@@ -1,12 +1,15 @@
-"""Surroundings of the runs of a case: the ends that its states must keep to, and the 3-D scene that they move in."""
+"""Runs of a case as they are seen: the ends that states must keep to, the 3-D scene, the content of its recording."""
 
 from __future__ import annotations
 
 from simgap.geometry import Box
-from simgap.io.rerun.recording import JointScene, PlanarScene
+from simgap.io.rerun.recording import SERIES, Content, JointScene, PlanarScene
+from simgap.io.traces import GAP_AWARE, NOMINAL, TITLES, Trace, shown
+from simgap.notation import axis_label
 from simgap.plants.context import Context
 from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
+from simgap.synthesis.controller import Controller
 
 
 def limits(context: Context) -> Box:
@@ -34,3 +37,56 @@ def scene(context: Context) -> JointScene | PlanarScene | None:
         obstacles=plane.obstacles,
         radius=plane.radius,
     )
+
+
+ABOUT = """# {title}
+
+Both controllers in the simulator, on the time line `sim_time`.
+
+- **blue**: the controller made for the model **with** its gap
+- **vermilion**: the controller made for the nominal model alone
+- **grey**: the same controller on the nominal model itself
+- **orange**: the bound of the gap; **green**: the ends of the safe set
+
+Winning domains ({domains}): pale where both win, blue or vermilion where only one does.
+
+Where each gap lies in its bound: {series}.
+
+{runs}
+"""
+
+
+def recording_content(context: Context, traces: list[Trace], nominal: Controller, gap_aware: Controller) -> Content:
+    """Content of the recording of a case."""
+    chosen = {kind: shown(traces, kind) for kind in (GAP_AWARE, NOMINAL)}
+    lines = [f"- {TITLES[kind]}: run {t.run}, {_fate(t)}" for kind, t in chosen.items()]
+    series = ", ".join(f"{n} {SERIES[j % len(SERIES)][1]}" for j, n in enumerate(context.states))
+    title = context.case.title or context.case.name
+    about = ABOUT.format(title=title, runs="\n".join(lines), series=series, domains=_domains(context, gap_aware))
+    return Content(
+        case=context.case.name,
+        about=about,
+        states=tuple(context.states),
+        inputs=tuple(context.inputs),
+        units=context.units,
+        safe=limits(context),
+        traces=traces,
+        shown=chosen,
+        controllers={GAP_AWARE: gap_aware, NOMINAL: nominal},
+        scene=scene(context),
+    )
+
+
+def _domains(context: Context, controller: Controller) -> str:
+    """Words on the view of the domains: its axes with their ends, and for which other states it holds."""
+    box, states = controller.grid.box, context.states
+    ends = [f"{axis_label(n, context.units)} from {box.lo[j]:g} to {box.hi[j]:g}" for j, n in enumerate(states[:2])]
+    where = ", ".join(f"{end} {way}" for end, way in zip(ends, ("across", "up"), strict=False))
+    return where + (f", for every {' and '.join(states[2:])}" if states[2:] else "")
+
+
+def _fate(trace: Trace) -> str:
+    if trace.violates:
+        first = float(trace.t[~trace.safe][0])
+        return f"**unsafe after {first:g} s**"
+    return f"safe until its end after {trace.duration:g} s"

@@ -6,19 +6,34 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.config.case import Case
+from simgap.config.plant import AddedEffect, DomainSection
 from simgap.config.simulator import EngineSection
+from simgap.effects.base import Effect
+from simgap.errors import Finding, UserError
 from simgap.late import sympy as sp
 from simgap.plants.model_file import Link
 
-if TYPE_CHECKING:
-    from simgap.config.case import Case
-    from simgap.effects.base import Effect
-    from simgap.errors import Finding
+
+def domain_of(case: Case) -> DomainSection:
+    """Sampling time, X and U of a case.
+
+    Raises:
+        UserError: a case without them.
+    """
+    if case.domain is None:
+        raise UserError("the simulator needs a sampling time", key="domain.tau", remedy="Add `domain:`.")
+    return case.domain
+
+
+def added_effects(case: Case) -> tuple[AddedEffect, ...]:
+    """Effects that the simulator of a case adds; none without a simulator."""
+    return case.simulator.effects if case.simulator is not None else ()
 
 
 @dataclass(frozen=True)

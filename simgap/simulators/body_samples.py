@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -40,12 +40,7 @@ class BodySamples:
 
 def joined(parts: list[BodySamples]) -> BodySamples:
     """Samples under each other."""
-    return BodySamples(
-        np.concatenate([p.m for p in parts]),
-        np.concatenate([p.final for p in parts]),
-        np.concatenate([p.extent for p in parts]),
-        np.concatenate([p.previous for p in parts]),
-    )
+    return BodySamples(*(np.concatenate([getattr(p, own.name) for p in parts]) for own in fields(BodySamples)))
 
 
 def to_body(d: Floats, heading: Floats | float, pose: tuple[int, int, int] = (0, 1, 2)) -> Floats:

@@ -22,7 +22,7 @@ from simgap.errors import UserError
 from simgap.late import sympy as sp
 from simgap.model.symbolic import symbol
 from simgap.plants.model_file import Link
-from simgap.simulators.base import Simulator
+from simgap.simulators.base import Simulator, added_effects, domain_of
 
 
 def command_paths(
@@ -115,8 +115,7 @@ class CommandMemory:
 
     def hold(self, which: int) -> None:
         """Remember the least (0) or the largest (1) that the plant can feel as commanded for ever."""
-        reached = [self.path.static(v) for v in self.path.values]
-        self.rest(self.path.values[int(np.argmax(reached) if which else np.argmin(reached))])
+        self.rest((max if which else min)(self.path.values, key=self.path.static))
 
     def draw(self, rng: np.random.Generator) -> None:
         """Random admissible commands; the lag's output anywhere in its range, its ends as often as its inside."""
@@ -150,8 +149,7 @@ class CommandMemory:
 
 def acts_at_once(case: Case) -> bool:
     """True if what acts on the plant is constant between samples: no hidden state, nothing that comes late."""
-    effects = case.simulator.effects if case.simulator is not None else ()
-    return case.hidden_state is None and not any(effect(e.name).remembers for e in effects)
+    return case.hidden_state is None and not any(effect(e.name).remembers for e in added_effects(case))
 
 
 def with_commands(case: Case, bare: Callable[[Sequence[AddedEffect]], Simulator]) -> Simulator:
@@ -165,10 +163,9 @@ def with_commands(case: Case, bare: Callable[[Sequence[AddedEffect]], Simulator]
     """
     section, inputs = case.simulator, list(case.plant.inputs)
     assert section is not None
-    paths, tau = case_command_paths(case), case.domain.tau if case.domain is not None else 0.0
-    lags = check_lagged(case)
+    paths, lags = case_command_paths(case), [inputs.index(n) for n in check_lagged(case)]
     others = tuple(e for e in section.effects if not isinstance(effect(e.name), InputEffect))
-    return RememberingInputs(bare(others), paths, [inputs.index(n) for n in lags], tau, section.substeps)
+    return RememberingInputs(bare(others), paths, lags, domain_of(case).tau, section.substeps)
 
 
 def check_lagged(case: Case) -> list[str]:
@@ -177,25 +174,20 @@ def check_lagged(case: Case) -> list[str]:
     Raises:
         UserError: one that does not lag in the simulator.
     """
-    effects = case.simulator.effects if case.simulator is not None else ()
     lags = [s.lag_of for s in case.plant.states.values() if s.lag_of is not None]
-    if not set(lags) <= {e.on for e in effects if effect(e.name).memory_state(e.on) is not None}:
+    if not set(lags) <= {e.on for e in added_effects(case) if effect(e.name).memory_state(e.on) is not None}:
         slow = sorted({e.name for e in case.plant.effects if effect(e.name).memory_state(e.on) is not None})
-        raise UserError(
-            "a lagged input is a state of the plant, but does not lag in the simulator", key="simulator.effects",
-            remedy=f"Add {slow} there too, or remove the state.",
-        )  # fmt: skip
+        problem = "a lagged input is a state of the plant, but does not lag in the simulator"
+        raise UserError(problem, key="simulator.effects", remedy=f"Add {slow} there too, or remove the state.")
     return lags
 
 
 def case_command_paths(case: Case) -> list[CommandPath]:
     """The paths of the commands; the delay that the controller has as its latency is not acted out a second time."""
-    if case.domain is None:
-        raise UserError("the simulator needs a domain", key="domain", remedy="Add `domain:`.")
-    known = case.domain.tau * case.sensing.known_delay if case.sensing else 0.0
-    values = {name: case.domain.U[name].list().tolist() for name in case.plant.inputs}
-    effects = case.simulator.effects if case.simulator is not None else ()
-    return command_paths(effects, values, known)
+    domain = domain_of(case)
+    known = domain.tau * case.sensing.known_delay if case.sensing else 0.0
+    values = {name: domain.U[name].list().tolist() for name in case.plant.inputs}
+    return command_paths(added_effects(case), values, known)
 
 
 class RememberingInputs(Simulator):

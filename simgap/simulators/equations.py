@@ -4,23 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 
 from simgap.arrays import Floats
+from simgap.config.case import Case
 from simgap.config.plant import AddedEffect, Integrator, SymbolicPlant
 from simgap.config.simulator import EngineSection
+from simgap.effects import effect
+from simgap.effects.base import Effect
+from simgap.effects.commands import MemoryInputEffect
 from simgap.errors import UserError
 from simgap.late import sympy as sp
-from simgap.simulators.base import Engine
-
-if TYPE_CHECKING:
-    from simgap.config.case import Case
-    from simgap.effects.base import Effect
-    from simgap.model.sampled import NominalModel
-    from simgap.simulators.base import Simulator
+from simgap.model.sampled import MOST_OPERATIONS, NominalModel
+from simgap.plants.plant_model import PlantModel
+from simgap.simulators.base import Engine, Simulator, domain_of
+from simgap.simulators.commands import with_commands
 
 
 class EquationsSettings(EngineSection):
@@ -66,8 +67,6 @@ class EquationsEngine(Engine):
             UserError: equations that do not fit the plant's states and inputs, an integrator that does not fit them,
                 or a lagged state of the plant that does not lag in the simulator.
         """
-        from simgap.simulators.commands import with_commands
-
         if _carried(case):
             return cls(_substep(case, folder), _section(case).substeps)
         own = {n: s for n, s in case.plant.states.items() if s.lag_of is None}
@@ -92,8 +91,6 @@ class EquationsEngine(Engine):
         Raises:
             UserError: as `build`, and a map that is too large to be enclosed.
         """
-        from simgap.model.sampled import MOST_OPERATIONS
-
         if _section(case).slopes == "sampled" or not _carried(case):
             return None
         step = _substep(case, folder)
@@ -124,10 +121,8 @@ class EquationsEngine(Engine):
 
 
 def _too_large(key: str) -> UserError:
-    return UserError(
-        "the map over tau has too many operations to enclose its gap", key=key,
-        remedy="Set simulator.slopes: sampled, or use fewer substeps or a simpler integrator.",
-    )  # fmt: skip
+    remedy = "Set simulator.slopes: sampled, or use fewer substeps or a simpler integrator."
+    return UserError("the map over tau has too many operations to enclose its gap", key=key, remedy=remedy)
 
 
 def _section(case: Case) -> EquationsSettings:
@@ -139,14 +134,10 @@ def _section(case: Case) -> EquationsSettings:
 
 def _carried(case: Case) -> bool:
     """True if states of the case hold all that the simulator remembers of earlier commands."""
-    from simgap.effects import effect
-    from simgap.effects.commands import MemoryInputEffect
-
-    kinds = [(effect(e.name), e) for e in _section(case).effects]
     return all(
         kind.memory_state(e.on) in case.plant.states and kind.seconds(e.parameters)[0] == 0.0
-        for kind, e in kinds
-        if isinstance(kind, MemoryInputEffect)
+        for e in _section(case).effects
+        if isinstance(kind := effect(e.name), MemoryInputEffect)
     )
 
 
@@ -156,27 +147,21 @@ def _substep(case: Case, folder: Path, effects: Sequence[AddedEffect] | None = N
     Args:
         effects: in place of all those that the simulator acts out.
     """
-    from simgap.plants.plant_model import PlantModel
-
     section = _section(case)
-    if case.domain is None:
-        raise UserError("the simulator needs a sampling time", key="domain.tau", remedy="Add `domain:`.")
     added = section.effects if effects is None else tuple(effects)
     changes: dict[str, object] = {"integrator": section.integrator, "effects": added}
     if section.equations is not None:
         own = [n for n, state in case.plant.states.items() if state.lag_of is None]
         if set(section.equations.dynamics) != set(own):
-            raise UserError(
-                f"dynamics are given for {sorted(section.equations.dynamics)}, states are {sorted(own)}",
-                key="simulator.equations.dynamics",
-            )
+            problem = f"dynamics are given for {sorted(section.equations.dynamics)}, states are {sorted(own)}"
+            raise UserError(problem, key="simulator.equations.dynamics")
         changes |= {"urdf": None, "symbolic": section.equations}
     elif section.urdf is not None:
         changes |= {"urdf": section.urdf, "symbolic": None}
     if section.parameters:
         changes["symbolic"] = _other_values(changes.get("symbolic", case.plant.symbolic), section.parameters)
     plant = case.plant.model_copy(update=changes)
-    return PlantModel(plant, folder, case.domain.tau / section.substeps).sampled
+    return PlantModel(plant, folder, domain_of(case).tau / section.substeps).sampled
 
 
 def _other_values(equations: object, values: dict[str, float]) -> SymbolicPlant:
@@ -185,13 +170,11 @@ def _other_values(equations: object, values: dict[str, float]) -> SymbolicPlant:
     Raises:
         UserError: parameters that they do not have, or no equations.
     """
-    known = equations.parameters if isinstance(equations, SymbolicPlant) else {}
+    known = getattr(equations, "parameters", {})
     unknown = sorted(set(values) - set(known))
     if unknown or not isinstance(equations, SymbolicPlant):
-        raise UserError(
-            f"the equations have no parameter called {', '.join(unknown)}",
-            key="simulator.parameters",
-            remedy=f"They have {', '.join(known) or 'none; a URDF takes simulator.effects (parameter_error)'}.",
-        )
+        problem = f"the equations have no parameter called {', '.join(unknown)}"
+        remedy = f"They have {', '.join(known) or 'none; a URDF takes simulator.effects (parameter_error)'}."
+        raise UserError(problem, key="simulator.parameters", remedy=remedy)
     changed = {name: known[name].model_copy(update={"value": value}) for name, value in values.items()}
     return equations.model_copy(update={"parameters": {**known, **changed}})

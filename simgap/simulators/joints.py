@@ -103,11 +103,9 @@ def joint_forces(plant: JointPlant, effects: Sequence[AddedEffect]) -> Forces | 
             k = plant.joints.index(added.on)
             extra[k] += kind.force(q[k], v[k], values)
         elif not (isinstance(kind, StaticInputEffect | DriveEffect) and added.on in plant.input_names):
-            raise UserError(
-                f"the simulator cannot apply '{added.name}' on '{added.on}' at each step",
-                key=f"simulator.effects.{number}.on",
-                remedy=f"It takes forces on {list(plant.joints)} and changes of {list(plant.input_names)}.",
-            )
+            problem = f"the simulator cannot apply '{added.name}' on '{added.on}' at each step"
+            remedy = f"It takes forces on {list(plant.joints)} and changes of {list(plant.input_names)}."
+            raise UserError(problem, key=f"simulator.effects.{number}.on", remedy=remedy)
     forces = []
     for k, drive in enumerate(plant.inputs):
         given = [command_after(effects, plant.input_names[i], applied[i], v[k]) for i in drive]
@@ -124,6 +122,7 @@ class JointEngine(Engine):
         """Load the plant with the settings of the case; a subclass does so after this."""
         self.nx, self.nu = plant.nx, plant.nu
         self._plant, self._substeps = plant, section.substeps
+        self._places = [*plant.positions, *plant.velocities]
         self._forces = joint_forces(plant, section.effects)
 
     @abstractmethod
@@ -136,14 +135,16 @@ class JointEngine(Engine):
 
     def advance(self, u: Floats) -> Floats:
         """Hold u (nu,) for tau, effects evaluated at every engine step: -> (nx,)."""
-        torques: Sequence[float] = [sum(u[i] for i in drive) for drive in self._plant.inputs]
+        commands = u.tolist()
+        torques: Sequence[float] = [sum(commands[i] for i in drive) for drive in self._plant.inputs]
         for _ in range(self._substeps):
             if self._forces is not None:
                 q, v = self._read()
-                torques = self._forces(*q, *v, *u)
+                torques = self._forces(*q, *v, *commands)
             self._step(torques)
+        q, v = self._read()
         x = np.empty(self.nx)
-        x[list(self._plant.positions)], x[list(self._plant.velocities)] = self._read()
+        x[self._places] = *q, *v
         return x
 
     @classmethod

@@ -8,22 +8,20 @@ these warnings are asked after each sampling time.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from simgap import reading
 from simgap.arrays import Floats
+from simgap.config.case import Case
 from simgap.config.named_files import named_by
 from simgap.errors import UserError, excerpt, optional
 from simgap.plants.model_file import Link
-from simgap.plants.urdf_checks import TRUST, check_units, loading
-
-if TYPE_CHECKING:
-    from simgap.config.case import Case
+from simgap.plants.urdf_checks import TRUST, check_units, inside, loading
+from simgap.simulators.base import domain_of
 
 
 class MuJoCoModel:
@@ -73,11 +71,9 @@ class MuJoCoModel:
         """
         names = [n for n, bad in zip(("position", "velocity", "acceleration"), self._bad, strict=True) if bad]
         at = ", ".join(f"{name} = {value:.9g}" for name, value in where)
-        return UserError(
-            f"the engine '{engine}' diverges (no number, or beyond 1e10: {', '.join(names)}), at {at}",
-            key="simulator.substeps",
-            remedy="Take more substeps, weaker effects or contacts, or leave the place out of domain.X and domain.U.",
-        )
+        problem = f"the engine '{engine}' diverges (no number, or beyond 1e10: {', '.join(names)}), at {at}"
+        remedy = "Take more substeps, weaker effects or contacts, or leave the place out of domain.X and domain.U."
+        return UserError(problem, key="simulator.substeps", remedy=remedy)
 
 
 def _silent(text: str) -> None:
@@ -110,23 +106,18 @@ def read_mjcf(path: Path) -> Any:
     mujoco = require_mujoco()
     _check_root(path)
     named = dict(named_by(path))
-    inside = Path(os.path.abspath(path)).parent.parent
     for name, place in named.items():
-        if not reading.real(place).is_relative_to(reading.real(inside)) and os.environ.get(TRUST) != "1":
-            raise UserError(
-                f"'{excerpt(name, 60)}' lies outside the model's folders", file=path,
-                remedy=f"Put it beside the model, or trust it: set {TRUST}=1.",
-            )  # fmt: skip
+        if not inside(path, place):
+            remedy = f"Put it beside the model, or trust it: set {TRUST}=1."
+            raise UserError(f"'{excerpt(name, 60)}' lies outside the model's folders", file=path, remedy=remedy)
     with loading("MuJoCo", path):
         model = mujoco.MjModel.from_xml_path(str(path))
     known = {reading.real(place) for place in (path, *named.values())}
     needed = [Path(p) for p in mujoco.mju_getXMLDependencies(str(path)) if reading.is_file(Path(p))]
     unseen = [p for p in needed if reading.real(p) not in known]
     if unseen:
-        raise UserError(
-            f"it depends on {excerpt(unseen[0], 80)} in a way that is not seen: an edit of it would rerun nothing",
-            file=path, remedy="Name it by <include>, or by the `file` of an asset.",
-        )  # fmt: skip
+        problem = f"it depends on {excerpt(unseen[0], 80)} in a way that is not seen: an edit of it would rerun nothing"
+        raise UserError(problem, file=path, remedy="Name it by <include>, or by the `file` of an asset.")
     return model
 
 
@@ -141,10 +132,8 @@ def _check_root(path: Path) -> None:
         raise UserError("the model file does not exist", file=path, key=KEY, remedy="Correct its path.")
     root = reading.read_xml(path)
     if root.tag != "mujoco":
-        raise UserError(
-            f"the root element is <{excerpt(root.tag, 40)}>, not <mujoco>", file=path, key=KEY,
-            remedy="A URDF is given as simulator.urdf.",
-        )  # fmt: skip
+        problem = f"the root element is <{excerpt(root.tag, 40)}>, not <mujoco>"
+        raise UserError(problem, file=path, key=KEY, remedy="A URDF is given as simulator.urdf.")
 
 
 def check_mjcf(case: Case, folder: Path) -> Any:
@@ -159,18 +148,17 @@ def check_mjcf(case: Case, folder: Path) -> Any:
     model, mujoco = read_mjcf(path), require_mujoco()
     kinds = {mujoco.mjtJoint.mjJNT_SLIDE.value: "prismatic", mujoco.mjtJoint.mjJNT_HINGE.value: "revolute"}
     found = {model.joint(k).name: kinds.get(int(model.jnt_type[k])) for k in range(model.njnt)}
-    for k in range(model.njnt):
-        _check_joint(path, model.joint(k).name, found[model.joint(k).name])
+    for name, kind in found.items():
+        _check_joint(path, name, kind)
     check_units(case.plant, {name: str(kind) for name, kind in found.items()}, path.name)
     for name in found:
         _check_states(case, path, name)
     _check_roles(case)
     others = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS) - 1 - model.nq - model.nv
     if others:
-        raise UserError(
-            f"beside positions and velocities the file has {others} states, as of an actuator's filter or a delay",
-            file=path, remedy="Remove them, and declare input_lag or input_delay in simulator.effects.",
-        )  # fmt: skip
+        problem = f"beside positions and velocities the file has {others} states, as of an actuator's filter or a delay"
+        remedy = "Remove them, and declare input_lag or input_delay in simulator.effects."
+        raise UserError(problem, file=path, remedy=remedy)
     _check_unseen(path, model)
     _check_actuators(case, path, model)
     return model
@@ -180,20 +168,17 @@ def _check_unseen(path: Path, model: Any) -> None:
     """Refuse what moves the joints and is neither compared with the plant nor known to the samples."""
     motors = [getattr(model, name) for name in ("actuator_armature", "actuator_damping") if hasattr(model, name)]
     if model.ntendon or any(np.any(values) for values in motors):
-        raise UserError(
-            "it has tendons, or motors with an armature or damping, which are compared with nothing", file=path,
-            remedy="Give these to the joints, or take them out.",
-        )  # fmt: skip
+        problem = "it has tendons, or motors with an armature or damping, which are compared with nothing"
+        raise UserError(problem, file=path, remedy="Give these to the joints, or take them out.")
 
 
 def _check_joint(path: Path, name: str, kind: str | None) -> None:
     if not name:
         raise UserError("a joint has no name", file=path, remedy="Name every joint.")
     if kind is None:
-        raise UserError(
-            "a joint of more than one degree of freedom", file=path, key=f"joint '{excerpt(name, 40)}'",
-            remedy="Weld the body by taking it out, or write it as hinges and slides.",
-        )  # fmt: skip
+        problem = "a joint of more than one degree of freedom"
+        remedy = "Weld the body by taking it out, or write it as hinges and slides."
+        raise UserError(problem, file=path, key=f"joint '{excerpt(name, 40)}'", remedy=remedy)
 
 
 def _check_states(case: Case, path: Path, joint: str) -> None:
@@ -209,19 +194,17 @@ def _check_states(case: Case, path: Path, joint: str) -> None:
 
 def _check_roles(case: Case) -> None:
     """Refuse what equations leave open: which quantity of the file a state is, which joint an input pushes."""
-    own = {f"states.{name}": s for name, s in case.plant.states.items() if s.lag_of is None and s.quantity is None}
-    own |= {f"states.{name}": s for name, s in case.plant.states.items() if s.lag_of is None and s.joint is None}
-    for key in (*own, *(f"inputs.{name}" for name, drive in case.plant.inputs.items() if drive.joint is None)):
-        raise UserError(
-            "the file does not know it: it has no joint, or no quantity of one", key=f"plant.{key}",
-            remedy="Write {joint: NAME, quantity: position or velocity}, for an input {joint: NAME}.",
-        )  # fmt: skip
+    states = {n: s for n, s in case.plant.states.items() if s.lag_of is None and None in (s.quantity, s.joint)}
+    inputs = [n for n, drive in case.plant.inputs.items() if drive.joint is None]
+    for key in (*(f"states.{name}" for name in states), *(f"inputs.{name}" for name in inputs)):
+        problem = "the file does not know it: it has no joint, or no quantity of one"
+        remedy = "Write {joint: NAME, quantity: position or velocity}, for an input {joint: NAME}."
+        raise UserError(problem, key=f"plant.{key}", remedy=remedy)
 
 
 def samples(case: Case) -> list[dict[str, float]]:
     """States of X at which the model is asked: for each the value of every state, the middle first."""
-    assert case.domain is not None
-    ends = case.domain.X
+    ends = domain_of(case).X
     rng = np.random.default_rng(0)
     middle = {name: 0.5 * (lo + hi) for name, (lo, hi) in ends.items()}
     return [middle, *({name: rng.uniform(lo, hi) for name, (lo, hi) in ends.items()} for _ in range(TRIED - 1))]
@@ -248,8 +231,6 @@ def _check_actuators(case: Case, path: Path, model: Any) -> None:
         force = data_at_state(case, model, x).actuator_force
         if force.any():
             name = model.actuator(int(np.flatnonzero(force)[0])).name
-            raise UserError(
-                "it works without a command, against the inputs of the case, which are forces on joints",
-                file=path, key=f"actuator '{excerpt(name, 40)}'",
-                remedy="Take it out, or make it a <motor>: a servo loop belongs into the controller.",
-            )  # fmt: skip
+            problem = "it works without a command, against the inputs of the case, which are forces on joints"
+            remedy = "Take it out, or make it a <motor>: a servo loop belongs into the controller."
+            raise UserError(problem, file=path, key=f"actuator '{excerpt(name, 40)}'", remedy=remedy)

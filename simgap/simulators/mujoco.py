@@ -7,31 +7,28 @@ velocity motors. What touches the floor are the links other than the root; one w
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from simgap import reading
 from simgap.arrays import Floats
+from simgap.config.case import Case
 from simgap.config.simulator import Damping, EngineSection
-from simgap.errors import UserError, excerpt
+from simgap.errors import Finding, UserError, excerpt
 from simgap.late import sympy as sp
 from simgap.plants.model_file import Link
-from simgap.plants.urdf_checks import check_urdf, loading, root_link
-from simgap.simulators import mjcf, mjcf_findings
+from simgap.plants.urdf_checks import attributes, check_urdf, loading, number_of, root_link
+from simgap.simulators import mjcf
 from simgap.simulators.base import FileTraits, Simulator
 from simgap.simulators.commands import CommandPath
+from simgap.simulators.findings import mjcf_findings, mjcf_switches
 from simgap.simulators.joints import JointEngine, JointPlant
 from simgap.simulators.mjcf import MuJoCoModel, require_mujoco
 from simgap.simulators.wheeled import WheeledEngine, WheeledPlant, WheeledSettings
-
-if TYPE_CHECKING:
-    from simgap.config.case import Case
-    from simgap.errors import Finding
 
 
 class MuJoCoSettings(EngineSection):
@@ -70,16 +67,13 @@ class MuJoCoJoints(JointEngine):
         model.opt.timestep = plant.tau / section.substeps
         self._run = MuJoCoModel(model)
         self.engine = self._run.engine
-        kind = self._run.mujoco.mjtObj.mjOBJ_JOINT
-        joints = [self._run.mujoco.mj_name2id(model, kind, name) for name in plant.joints]
-        if min(joints) < 0:
-            raise UserError(f"not all of the joints {list(plant.joints)} are there", file=plant.file)
-        self._q = [int(model.jnt_qposadr[j]) for j in joints]
-        self._v = [int(model.jnt_dofadr[j]) for j in joints]
+        joints = [model.joint(name) for name in plant.joints]
+        self._q = [int(j.qposadr[0]) for j in joints]
+        self._v = [int(j.dofadr[0]) for j in joints]
 
     @classmethod
     def build(cls, case: Case, folder: Path) -> Simulator:
-        """See `JointEngine.build`; an MJCF file is held against the case first."""
+        """See `JointEngine.build`; an MJCF file is checked against the case first."""
         if _mjcf(case):
             mjcf.check_mjcf(case, folder)
         return super().build(case, folder)
@@ -92,12 +86,12 @@ class MuJoCoJoints(JointEngine):
     @classmethod
     def findings(cls, case: Case, folder: Path) -> list[Finding] | None:
         """See `Engine.findings`."""
-        return mjcf_findings.findings(case, folder) if _mjcf(case) else None
+        return mjcf_findings(case, folder) if _mjcf(case) else None
 
     @classmethod
     def switches(cls, case: Case, folder: Path) -> tuple[sp.Expr, ...]:
         """See `Engine.switches`."""
-        return mjcf_findings.switches(case, folder) if _mjcf(case) else ()
+        return mjcf_switches(case, folder) if _mjcf(case) else ()
 
     def loaded(self) -> Mapping[str, Link]:
         """See `Simulator.loaded`."""
@@ -276,20 +270,15 @@ def friction_of(urdf: Path, root: str) -> dict[str, float]:
     """
     found = {}
     for link in reading.read_xml(urdf).findall("link"):
-        name, stated = str(link.get("name")), link.find("contact/lateral_friction")
+        name, text = str(link.get("name")), attributes(link, "contact/lateral_friction").get("value")
         if name == root or link.find("collision") is None:
             continue
-        text = None if stated is None else str(stated.get("value", ""))
-        try:
-            value = None if text is None else float(text)
-        except ValueError:
-            value = math.nan
-        if value is None or not 0.0 <= value <= 1.0:
+        value = number_of(text or "")
+        if not 0.0 <= value <= 1.0:
             what = "states no friction" if text is None else f"has the lateral friction {excerpt(text, 40)}"
-            raise UserError(
-                f"it touches the floor and {what}", file=urdf, key=f"link '{name}': <lateral_friction>",
-                remedy='Give <contact><lateral_friction value="..."/></contact>, 0 to 1; 0 for a caster that slides.',
-            )  # fmt: skip
+            problem = f"it touches the floor and {what}"
+            remedy = 'Give <contact><lateral_friction value="..."/></contact>, 0 to 1; 0 for a caster that slides.'
+            raise UserError(problem, file=urdf, key=f"link '{name}': <lateral_friction>", remedy=remedy)
         found[name] = value
     return found
 

@@ -48,105 +48,87 @@ class PyBulletJoints(JointEngine):
     file_traits = FileTraits(stops=True, damps_links=True, fastest=100.0)
 
     def __init__(self, plant: JointPlant, section: PyBulletSettings) -> None:
-        with optional("PyBullet", "pybullet"):
-            import pybullet as p
-
+        self._native, self._p = _connected()
         check_urdf(plant.file)
         super().__init__(plant, section)
-        self.engine = f"pybullet {p.getAPIVersion()}"
-        self._p: Any = p
-        self._client = p.connect(p.DIRECT)
+        self.engine = f"pybullet {self._native.getAPIVersion()}"
+        self._client = self._p._client
         self._body, self._joints = self._load(section)
-        self._position, self._velocity = plant.positions, plant.velocities
         # A torque that nobody sets is 0 after each step anyway.
         self._driven = [k for k, drive in enumerate(plant.inputs) if drive or self._forces is not None]
         self._single = len(self._joints) == 1 and self._forces is None and plant.inputs == ((0,),)
 
     def _load(self, section: PyBulletSettings) -> tuple[int, tuple[int, ...]]:
-        p, client, plant = self._p, self._client, self._plant
-        p.setGravity(0, 0, -plant.gravity, physicsClientId=client)
-        p.setTimeStep(plant.tau / section.substeps, physicsClientId=client)
+        p, plant, d = self._p, self._plant, section.damping
+        p.setGravity(0, 0, -plant.gravity)
+        p.setTimeStep(plant.tau / section.substeps)
         flags = p.URDF_USE_INERTIA_FROM_FILE if section.inertia == "file" else 0
         with loading("PyBullet", plant.file):
-            body = p.loadURDF(str(plant.file), useFixedBase=True, flags=flags, physicsClientId=client)
-        index: dict[str, int] = {}
-        for j in range(-1, p.getNumJoints(body, physicsClientId=client)):
-            d = section.damping
-            p.changeDynamics(
-                body, j, linearDamping=d.linear, angularDamping=d.angular, jointDamping=d.joint, physicsClientId=client
-            )
-            if j >= 0:
-                index[p.getJointInfo(body, j, physicsClientId=client)[1].decode()] = j
-                p.setJointMotorControl2(body, j, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
-        without_mass(p, client, body, plant.file)
-        missing = [name for name in plant.joints if name not in index]
-        if missing:
-            raise UserError(f"no joint called {missing}", file=plant.file, remedy=f"It has {sorted(index)}.")
+            body = p.loadURDF(str(plant.file), useFixedBase=True, flags=flags)
+        index = _numbers(p, body, JOINT)
+        for j in (-1, *index.values()):
+            p.changeDynamics(body, j, linearDamping=d.linear, angularDamping=d.angular, jointDamping=d.joint)
+        for j in index.values():
+            p.setJointMotorControl2(body, j, p.VELOCITY_CONTROL, force=0)
+        without_mass(p, body, plant.file)
         return body, tuple(index[name] for name in plant.joints)
 
     def loaded(self) -> Mapping[str, Link]:
         """See `Simulator.loaded`."""
-        return links_of(self._p, self._client, self._body)
+        return links_of(self._p, self._body)
 
     def reset(self, x: Floats) -> None:
         """Set every joint's position and velocity: x (nx,)."""
-        for j, a, b in zip(self._joints, self._position, self._velocity, strict=True):
-            self._p.resetJointState(self._body, j, x[a], x[b], physicsClientId=self._client)
-
-    def advance(self, u: Floats) -> Floats:
-        """See `JointEngine.advance`; one joint under one input without effects takes the same calls with no loop."""
-        if not self._single:
-            return super().advance(u)
-        p, body, (j,), client, torque = self._p, self._body, self._joints, self._client, float(u[0])
-        for _ in range(self._substeps):
-            p.setJointMotorControl2(body, j, p.TORQUE_CONTROL, force=torque, physicsClientId=client)
-            p.stepSimulation(client)
-        q, v = p.getJointState(body, j, client)[:2]
-        return np.array((q, v) if self._position == (0,) else (v, q))
+        place, body, client, values = self._native.resetJointState, self._body, self._client, x.tolist()
+        for j, a, b in zip(self._joints, self._plant.positions, self._plant.velocities, strict=True):
+            place(body, j, values[a], values[b], client)
 
     def _read(self) -> tuple[list[float], list[float]]:
-        states = [self._p.getJointState(self._body, j, physicsClientId=self._client) for j in self._joints]
+        states = [self._native.getJointState(self._body, j, self._client) for j in self._joints]
         return [s[0] for s in states], [s[1] for s in states]
 
     def _step(self, torques: Sequence[float]) -> None:
-        p, client = self._p, self._client
+        p, body, client = self._native, self._body, self._client
         for k in self._driven:
-            p.setJointMotorControl2(
-                self._body, self._joints[k], p.TORQUE_CONTROL, force=torques[k], physicsClientId=client
-            )
+            j, torque = self._joints[k], torques[k]
+            p.setJointMotorControl2(body, j, p.TORQUE_CONTROL, force=torque, physicsClientId=client)
         p.stepSimulation(client)
 
     def rollouts(self, x: Floats, u: Floats) -> Floats:
-        """One step from each state: (n, nx), (n, nu) -> (n, nx)."""
+        """One step from each state: (n, nx), (n, nu) -> (n, nx); of one joint without effects in half the time."""
         if not self._single:
             return super().rollouts(x, u)
-        p, body, (j,), client = self._p, self._body, self._joints, self._client
-        (a,), (b,) = self._position, self._velocity
-        reset, drive, step, read, mode = (
-            p.resetJointState,
-            p.setJointMotorControl2,
-            p.stepSimulation,
-            p.getJointState,
-            p.TORQUE_CONTROL,
-        )
-        out = np.empty_like(x)
-        again = range(self._substeps)
-        rows = []
-        for q, v, torque in zip(x[:, a].tolist(), x[:, b].tolist(), u[:, 0].tolist(), strict=True):
-            reset(body, j, q, v, client)
+        p, body, (j,), client = self._native, self._body, self._joints, self._client
+        place, drive, step, read = p.resetJointState, p.setJointMotorControl2, p.stepSimulation, p.getJointState
+        mode, again, rows = p.TORQUE_CONTROL, range(self._substeps), []
+        for (q, v), torque in zip(x[:, self._places].tolist(), u[:, 0].tolist(), strict=True):
+            place(body, j, q, v, client)
             for _ in again:
                 drive(body, j, mode, force=torque, physicsClientId=client)
                 step(client)
             rows.append(read(body, j, client)[:2])
-        out[:, [a, b]] = rows
+        out = np.empty_like(x)
+        out[:, self._places] = rows
         return out
 
     def close(self) -> None:
         """Disconnect from the engine."""
-        self._p.disconnect(self._client)
+        self._p.disconnect()
 
 
-def without_mass(p: Any, client: int, body: int, urdf: Path) -> None:
+def _connected() -> tuple[Any, Any]:
+    """PyBullet's module, and a client; this looks every function up anew, which costs more than a step or a pose does.
+
+    Raises:
+        UserError: PyBullet is not installed.
+    """
+    with optional("PyBullet", "pybullet"):
+        import pybullet
+        from pybullet_utils.bullet_client import BulletClient  # type: ignore[import-untyped]
+    return pybullet, BulletClient(pybullet.DIRECT)
+
+
+def without_mass(p: Any, body: int, urdf: Path) -> None:
     """Take from links without `<inertial>` the 1 kg and 1, 1, 1 kg m^2 that PyBullet invents for them.
 
     Frames of sensors and tools on fixed joints are written like that; Drake gives them no mass. The root is left as it
@@ -154,24 +136,23 @@ def without_mass(p: Any, client: int, body: int, urdf: Path) -> None:
     (`check_floating_root`).
     """
     bare = set(read_model_file(urdf).bare)
-    for name, j in _numbers(p, client, body).items():
+    for name, j in _numbers(p, body, LINK).items():
         if name in bare:
-            p.changeDynamics(body, j, mass=0.0, localInertiaDiagonal=[0.0, 0.0, 0.0], physicsClientId=client)
+            p.changeDynamics(body, j, mass=0.0, localInertiaDiagonal=[0.0, 0.0, 0.0])
 
 
-def links_of(p: Any, client: int, body: int) -> Mapping[str, Link]:
+def links_of(p: Any, body: int) -> Mapping[str, Link]:
     """Mass, principal moments and centre of mass of every link but the root, by name."""
-    found = {}
-    for name, j in _numbers(p, client, body).items():
-        info = p.getDynamicsInfo(body, j, physicsClientId=client)
-        found[name] = Link(float(info[0]), np.sort(info[2]), np.array(info[3]))
-    return found
+    told = {name: p.getDynamicsInfo(body, j) for name, j in _numbers(p, body, LINK).items()}
+    return {name: Link(float(own[0]), np.sort(own[2]), np.array(own[3])) for name, own in told.items()}
 
 
-def _numbers(p: Any, client: int, body: int) -> dict[str, int]:
-    """Link names and their numbers; a link has the number of the joint that it hangs on."""
-    count = p.getNumJoints(body, physicsClientId=client)
-    return {p.getJointInfo(body, j, physicsClientId=client)[12].decode(): j for j in range(count)}
+JOINT, LINK = 1, 12  # places of their names in what PyBullet tells of a joint
+
+
+def _numbers(p: Any, body: int, place: int) -> dict[str, int]:
+    """Names of joints or links and their numbers; a link has the number of the joint that it hangs on."""
+    return {p.getJointInfo(body, j)[place].decode(): j for j in range(p.getNumJoints(body))}
 
 
 CONTACT_BREAKING = 0.2
@@ -193,15 +174,10 @@ class PyBulletWheeled(WheeledEngine):
     distributions = ("pybullet",)
 
     def __init__(self, plant: WheeledPlant, section: WheeledSettings, paths: Sequence[CommandPath] = ()) -> None:
-        with optional("PyBullet", "pybullet"):
-            import pybullet as p
-            from pybullet_utils.bullet_client import BulletClient  # type: ignore[import-untyped]
-
+        self._native, self._p = _connected()
         super().__init__(plant, section, paths)
         self._poses: list[Any] = [None] * section.poses
-        self.engine = f"pybullet {p.getAPIVersion()}"
-        self._p: Any = BulletClient(p.DIRECT)
-        self._native: Any = p  # the client looks every function up anew, which costs more than a pose does
+        self.engine = f"pybullet {self._native.getAPIVersion()}"
         self._body, self._wheels = self._load()
         # Bullet's body frame is at the centre of mass, along the principal axes of inertia: seen from the root
         place, self._axes = self._p.getDynamicsInfo(self._body, -1)[3:5]
@@ -230,20 +206,18 @@ class PyBulletWheeled(WheeledEngine):
         urdf, place = self._plant.urdf, [0, 0, s.wheel_radius]
         with loading("PyBullet", urdf):
             body = p.loadURDF(str(urdf), place, flags=p.URDF_USE_INERTIA_FROM_FILE)
-        index = {p.getJointInfo(body, j)[1].decode(): j for j in range(p.getNumJoints(body))}
-        for link in range(-1, p.getNumJoints(body)):
+        index = _numbers(p, body, JOINT)
+        for link in (-1, *index.values()):
             p.changeDynamics(
                 body, link, linearDamping=0, angularDamping=0, jointDamping=0, rollingFriction=0, spinningFriction=0,
                 restitution=0, activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING,
             )  # fmt: skip
-        without_mass(p, p._client, body, self._plant.urdf)
-        grip = max(p.getDynamicsInfo(body, link)[1] for link in range(-1, p.getNumJoints(body)))
+        without_mass(p, body, self._plant.urdf)
+        grip = max(p.getDynamicsInfo(body, link)[1] for link in (-1, *index.values()))
         if grip > 1.0:  # how far a path may stray between poses counts on the floor's friction alone
-            raise UserError(
-                f"a link has the lateral friction {grip:g}; what the floor gives is multiplied by it",
-                file=self._plant.urdf, key="<lateral_friction>",
-                remedy="State at most 1 there and the rest in simulator.floor_friction.",
-            )  # fmt: skip
+            problem = f"a link has the lateral friction {grip:g}; what the floor gives is multiplied by it"
+            remedy = "State at most 1 there and the rest in simulator.floor_friction."
+            raise UserError(problem, file=self._plant.urdf, key="<lateral_friction>", remedy=remedy)
         p.setCollisionFilterPair(body, floor, -1, -1, 0)  # the body hangs clear of the floor; asking costs a third
         if s.payload:
             mass, _, inertia = p.getDynamicsInfo(body, -1)[:3]
@@ -253,7 +227,7 @@ class PyBulletWheeled(WheeledEngine):
 
     def loaded(self) -> Mapping[str, Link]:
         """See `Simulator.loaded`."""
-        return links_of(self._p, self._p._client, self._body)
+        return links_of(self._p, self._body)
 
     def _settled_height(self) -> float:
         """Let the robot stand until its contacts carry it: height of its centre of mass, m."""
@@ -266,11 +240,9 @@ class PyBulletWheeled(WheeledEngine):
         s = self._section
         # PyBullet limits a motor's impulse by force times the outer time step whatever the number of sub-steps
         force = s.torque / (s.substeps // s.poses)
-        self._p.setJointMotorControlArray(
-            self._body, self._wheels, self._p.VELOCITY_CONTROL,
-            targetVelocities=self.wheel_rates(linear, angular),
-            forces=[force, force],
-        )  # fmt: skip
+        rates, mode = self.wheel_rates(linear, angular), self._p.VELOCITY_CONTROL
+        drive = self._p.setJointMotorControlArray
+        drive(self._body, self._wheels, mode, targetVelocities=rates, forces=[force, force])
 
     def _place(self, x: float, y: float, heading: float) -> None:
         p = self._p

@@ -4,23 +4,22 @@ from __future__ import annotations
 
 import importlib.util
 import sys
+import traceback
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
 from simgap.arrays import Floats
+from simgap.config.case import Case
 from simgap.config.named_files import KEY, FunctionFile
 from simgap.config.simulator import EngineSection
 from simgap.errors import UserError, excerpt
 from simgap.plugins import announce
-from simgap.simulators.base import Engine
+from simgap.simulators.base import Engine, domain_of
 from simgap.simulators.supervision import bounded, describe_call
-
-if TYPE_CHECKING:
-    from simgap.config.case import Case
 
 STARTING = 60.0
 """Longest time that the file may take to be imported, s."""
@@ -85,10 +84,8 @@ class PythonEngine(Engine):
         section = case.simulator
         if not isinstance(section, PythonSettings):
             raise UserError("the simulator is not a Python function", key="simulator.engine")
-        if case.domain is None:
-            raise UserError("the simulator needs a sampling time", key="domain.tau", remedy="Add `domain:`.")
         kind = _OfMany if section.batch else cls
-        return kind(FunctionFile.find(section.function, folder), case, section, case.domain.tau / section.substeps)
+        return kind(FunctionFile.find(section.function, folder), case, section, domain_of(case).tau / section.substeps)
 
     def reset(self, x: Floats) -> None:
         """Put the plant at x (nx,)."""
@@ -120,9 +117,8 @@ class PythonEngine(Engine):
 
     def _fault(self, problem: str, x: Floats | None = None, u: Floats | None = None) -> UserError:
         """Error about what went wrong, with the call, the first of many."""
-        where = (
-            "" if x is None or u is None else f", {describe_call(self._names, *(np.atleast_2d(v)[0] for v in (x, u)))}"
-        )
+        first = None if x is None or u is None else (np.atleast_2d(x)[0], np.atleast_2d(u)[0])
+        where = f", {describe_call(self._names, *first)}" if first is not None else ""
         return UserError(
             f"the function '{self._file.name}' {problem}{where}", file=self._file.path, key=KEY,
             remedy="Correct it, or exclude what it cannot do from domain.X and domain.U.",
@@ -146,12 +142,8 @@ class _OfMany(PythonEngine):
 
 def _line(error: BaseException, path: str) -> str:
     """The line of the file where it failed."""
-    trace, found = error.__traceback__, ""
-    while trace is not None:
-        if trace.tb_frame.f_code.co_filename == path:
-            found = f" (line {trace.tb_lineno})"
-        trace = trace.tb_next
-    return found
+    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == path]
+    return f" (line {lines[-1]})" if lines else ""
 
 
 def _imported(file: FunctionFile) -> Callable[..., Any]:

@@ -19,7 +19,7 @@ from simgap.effects import EFFECTS, check_listed, effect
 from simgap.errors import UserError
 from simgap.simulators.base import Engine, PathSimulator, Simulator
 from simgap.simulators.body_samples import REST, BodySamples, joined
-from simgap.simulators.supervision import Supervised, supervise, try_as_map
+from simgap.simulators.supervision import Supervisor, try_as_map
 
 
 def make_simulator(case: Case, folder: Path) -> Simulator:
@@ -35,7 +35,8 @@ def make_simulator(case: Case, folder: Path) -> Simulator:
     if section.engine in plugins.BUILT_IN["engines"] and not kind.of_a_person:
         return simulator
     names, calls = (list(case.plant.states), list(case.plant.inputs)), section.substeps if kind.of_a_person else 1
-    return try_as_map(supervise(simulator, Supervised(section.engine, *names, section.timeout * calls)), case)
+    Supervisor(simulator, section.engine, names, section.timeout * calls)
+    return try_as_map(simulator, case)
 
 
 def closed_form(case: Case, folder: Path) -> tuple[Any, ...] | None:
@@ -78,11 +79,9 @@ def _engine(case: Case, folder: Path) -> type[Engine]:
     for k, added in enumerate(section.effects):
         if not engine.acts_out(effect(added.name)):
             known = ", ".join(name for name, kind in EFFECTS.items() if engine.acts_out(kind)) or "none"
-            raise UserError(
-                f"the simulator cannot simulate '{added.name}'",
-                key=f"simulator.effects.{k}.name",
-                remedy=f"It supports: {known}. Without it gamma does not cover hardware that has the effect.",
-            )
+            problem = f"the simulator cannot simulate '{added.name}'"
+            remedy = f"It supports: {known}. Without it gamma does not cover hardware that has the effect."
+            raise UserError(problem, key=f"simulator.effects.{k}.name", remedy=remedy)
     return engine
 
 
@@ -119,11 +118,8 @@ def follow(jobs: Sequence[tuple[Case, Sequence[Floats], Sequence[Floats]]], fold
 def _robot(case: Case, folder: Path) -> Iterator[PathSimulator]:
     with make_simulator(case, folder) as simulator:
         if not isinstance(simulator, PathSimulator):
-            raise UserError(
-                "the engine records no poses between samples, which a hidden state needs",
-                key="simulator.engine",
-                remedy="Use one that does, such as pybullet_wheeled.",
-            )
+            problem = "the engine records no poses between samples, which a hidden state needs"
+            raise UserError(problem, key="simulator.engine", remedy="Use one that does, such as pybullet_wheeled.")
         yield simulator
 
 

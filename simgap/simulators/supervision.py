@@ -18,18 +18,14 @@ import signal
 import struct
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.config.case import Case
 from simgap.errors import UserError
-from simgap.simulators.base import PathSimulator, Simulator
-
-if TYPE_CHECKING:
-    from simgap.config.case import Case
-
+from simgap.simulators.base import Simulator
 
 T = TypeVar("T")
 CALLS, PAUSE, BLOCK = 16, 0.05, 64
@@ -102,8 +98,7 @@ class _Probe:
             where = describe_call(self._names, self._x[order[k]], self._u[order[k]])
             raise UserError(
                 f"the simulator gives two results for the same call, {where}: it keeps a state, draws random numbers "
-                "or "
-                "reads a clock", key="simulator", remedy=DECLARE,
+                "or reads a clock", key="simulator", remedy=DECLARE,
             )  # fmt: skip
 
     def _second_steps(self) -> None:
@@ -201,96 +196,78 @@ def bounded(what: str, longest: float, run: Callable[[], T]) -> T:
         _note.end()
 
 
-@dataclass(frozen=True)
-class Supervised:
-    """Whose calls are watched.
-
-    Attributes:
-        name: of the engine, as in the case. states, inputs: names. longest: time of one call, s.
-    """
-
-    name: str
-    states: Sequence[str]
-    inputs: Sequence[str]
-    longest: float
-
-    def call(self, what: str, run: Callable[[], Any], calls: int = 1) -> Any:
-        """Run one call of the engine, or a block of `calls`."""
-        return bounded(what, self.longest * max(1, calls), run)
-
-    def at(self, x: Floats | None, u: Floats) -> str:
-        """A call in words."""
-        return describe_call((self.states, self.inputs), x, u)
-
-    def state(self, result: Any, x: Floats | None, u: Floats) -> Floats:
-        """The result of a step as (nx,), refused if it is none."""
-        found = np.asarray(result, dtype=np.float64)
-        if found.shape != (len(self.states),):
-            raise self.fault(f"gives an array {found.shape} instead of ({len(self.states)},)", x, u)
-        if not math.isfinite(float(found @ found)) and not np.isfinite(found).all():
-            bad = [f"{n} = {v:g}" for n, v in zip(self.states, found, strict=True) if not math.isfinite(v)]
-            raise self.fault(f"gives {', '.join(bad)}", x, u)
-        return found
-
-    def fault(self, problem: str, x: Floats | None, u: Floats) -> UserError:
-        """Error about a call."""
-        return UserError(f"the engine '{self.name}' {problem}, {self.at(x, u)}", key=KEY, remedy=REMEDY)
+WATCHED = ("reset", "advance", "rollouts", "responses", "chain")
+"""Calls of an engine that run code of its author; the last two of a robot that records its path."""
 
 
-def supervise(engine: Simulator, watch: Supervised) -> Simulator:
-    """The same engine, every call of it watched."""
-    own: Any = engine
-    reset, advance, rollouts = own.reset, own.advance, own.rollouts
-    stepping: list[Floats | None] = [None]
+class Supervisor:
+    """Watches the calls of an engine in its place: bounds their time, and checks what they give."""
 
-    def reset_watched(x: Floats) -> None:
-        stepping[0] = np.array(x)
-        watch.call(f"while it is reset {watch.at(x, np.empty(0))}", lambda: reset(x))
+    def __init__(self, engine: Any, name: str, names: tuple[Sequence[str], Sequence[str]], longest: float) -> None:
+        """`name`: of the engine in the case; `names`: of states and inputs; `longest`: time of one call, s."""
+        self._calls = {call: getattr(engine, call) for call in WATCHED if hasattr(engine, call)}
+        self._steps_alone = type(engine).rollouts is Simulator.rollouts
+        self._name, self._names, self._longest = name, names, longest
+        self._x: Floats | None = None
+        pairs = (f"{name.replace('%', '%%')} = %.9g" for name in (*names[0], *names[1]))
+        self._step = f"at {', '.join(pairs)}"
+        for call in self._calls:
+            setattr(engine, call, getattr(self, call))
 
-    named = ", ".join(f"{name.replace('%', '%%')} = %.9g" for name in (*watch.states, *watch.inputs))
+    def reset(self, x: Floats) -> None:
+        """See `Simulator.reset`."""
+        self._x = np.array(x)
+        self._call("reset", f"while it is reset {describe_call(self._names, x, ())}", x)
 
-    def advance_watched(u: Floats) -> Floats:
-        before = stepping[0]
-        what = watch.at(None, u) if before is None else "at " + named % (*before.tolist(), *u.tolist())
-        found = watch.call(what, lambda: advance(u))
-        following = watch.state(found, before, u)
-        stepping[0] = following.copy()
+    def advance(self, u: Floats) -> Floats:
+        """See `Simulator.advance`."""
+        before = self._x
+        what = describe_call(self._names, None, u) if before is None else self._step % (*before.tolist(), *u.tolist())
+        following = self._state(self._call("advance", what, u), before, u)
+        self._x = following.copy()
         return following
 
-    def rollouts_watched(x: Floats, u: Floats) -> Floats:
-        if len(x) == 0 or type(engine).rollouts is Simulator.rollouts:  # a step at a time, each watched
-            return np.asarray(rollouts(x, u), dtype=np.float64)
-        what = f"in {len(x)} roll-outs from {watch.at(x[0], u[0])}"
-        rows = np.asarray(watch.call(what, lambda: rollouts(x, u), len(x)), dtype=np.float64)
-        if rows.shape != (len(x), len(watch.states)):
-            raise watch.fault(f"gives an array {rows.shape}", x[0], u[0])
+    def rollouts(self, x: Floats, u: Floats) -> Floats:
+        """See `Simulator.rollouts`."""
+        if len(x) == 0 or self._steps_alone:  # a step at a time, each watched
+            return np.asarray(self._calls["rollouts"](x, u), dtype=np.float64)
+        what = f"in {len(x)} roll-outs from {describe_call(self._names, x[0], u[0])}"
+        rows = np.asarray(self._call("rollouts", what, x, u, calls=len(x)), dtype=np.float64)
+        if rows.shape != (len(x), len(self._names[0])):
+            raise self._fault(f"gives an array {rows.shape}", x[0], u[0])
         for k in np.flatnonzero(~np.isfinite(rows).all(axis=1))[:1]:
-            watch.state(rows[k], x[k], u[k])
+            self._state(rows[k], x[k], u[k])
         return rows
 
-    own.reset, own.advance, own.rollouts = reset_watched, advance_watched, rollouts_watched
-    if isinstance(engine, PathSimulator):
-        _watch_paths(own, watch)
-    return engine
+    def responses(self, history: Floats, inputs: Floats, heading: float = 0.0) -> Floats:
+        """See `PathSimulator.responses`; a call may take as long as its steps."""
+        what, calls = f"after {len(history)} inputs", len(inputs) * (len(history) + 1)
+        return self._finite(self._call("responses", what, history, inputs, heading, calls=calls), inputs)
 
+    def chain(self, start: Floats, inputs: Floats) -> tuple[Floats, Floats]:
+        """See `PathSimulator.chain`; a call may take as long as its steps."""
+        what = describe_call(self._names, start, inputs[0])
+        poses, paths = self._call("chain", what, start, inputs, calls=len(inputs))
+        return self._finite(poses, inputs), self._finite(paths, inputs)
 
-def _watch_paths(own: Any, watch: Supervised) -> None:
-    """A robot's paths: each call may take as long as its steps."""
-    responses, chain = own.responses, own.chain
+    def _call(self, name: str, what: str, *arguments: Any, calls: int = 1) -> Any:
+        return bounded(what, self._longest * max(1, calls), lambda: self._calls[name](*arguments))
 
-    def responses_watched(history: Floats, inputs: Floats, heading: float = 0.0) -> Floats:
-        calls = len(inputs) * (len(history) + 1)
-        found = watch.call(f"after {len(history)} inputs", lambda: responses(history, inputs, heading), calls)
-        return _finite(found, watch, inputs)
+    def _state(self, result: Any, x: Floats | None, u: Floats) -> Floats:
+        """The result of a step as (nx,), refused if it is none."""
+        found, states = np.asarray(result, dtype=np.float64), self._names[0]
+        if found.shape != (len(states),):
+            raise self._fault(f"gives an array {found.shape} instead of ({len(states)},)", x, u)
+        if not math.isfinite(float(found @ found)) and not np.isfinite(found).all():
+            bad = [f"{n} = {v:g}" for n, v in zip(states, found, strict=True) if not math.isfinite(v)]
+            raise self._fault(f"gives {', '.join(bad)}", x, u)
+        return found
 
-    def chain_watched(start: Floats, inputs: Floats) -> tuple[Floats, Floats]:
-        poses, paths = watch.call(watch.at(start, inputs[0]), lambda: chain(start, inputs), len(inputs))
-        return _finite(poses, watch, inputs), _finite(paths, watch, inputs)
+    def _finite(self, found: Floats, inputs: Floats) -> Floats:
+        if not np.isfinite(found).all():
+            raise self._fault("gives a path that is not finite", None, inputs[0])
+        return found
 
-    own.responses, own.chain = responses_watched, chain_watched
-
-
-def _finite(found: Floats, watch: Supervised, inputs: Floats) -> Floats:
-    if not np.isfinite(found).all():
-        raise watch.fault("gives a path that is not finite", None, inputs[0])
-    return found
+    def _fault(self, problem: str, x: Floats | None, u: Floats) -> UserError:
+        where = describe_call(self._names, x, u)
+        return UserError(f"the engine '{self._name}' {problem}, {where}", key=KEY, remedy=REMEDY)

@@ -47,10 +47,9 @@ def wheeled_plant(case: Case, folder: Path) -> WheeledPlant:
     wheels = plant.symbolic.wheels if plant.symbolic else None
     states, inputs = list(plant.states), list(plant.inputs)
     if wheels is None or domain is None or section is None or section.urdf is None:
-        raise UserError(
-            "a wheeled simulator needs plant.symbolic.wheels and a domain", key="plant.symbolic.wheels",
-            remedy="Name the states x, y, heading and the inputs linear, angular.",
-        )  # fmt: skip
+        problem = "a wheeled simulator needs plant.symbolic.wheels and a domain"
+        remedy = "Name the states x, y, heading and the inputs linear, angular."
+        raise UserError(problem, key="plant.symbolic.wheels", remedy=remedy)
     pose, commands = (wheels.x, wheels.y, wheels.heading), (wheels.linear, wheels.angular)
     if sorted(states) != sorted(pose) or sorted(inputs) != sorted(commands):
         raise UserError(
@@ -148,10 +147,8 @@ class WheeledEngine(Engine, PathSimulator):
         check_floating_root(plant.urdf)
         check_wheels(plant.urdf, section.left, section.right)
         if section.substeps % section.poses:
-            raise UserError(
-                f"{section.poses} poses do not divide {section.substeps} sub-steps", key="simulator.poses",
-                remedy="Let substeps be a multiple of poses.",
-            )  # fmt: skip
+            problem = f"{section.poses} poses do not divide {section.substeps} sub-steps"
+            raise UserError(problem, key="simulator.poses", remedy="Let substeps be a multiple of poses.")
         self.nx, self.nu, self.pose, self.commands = 3, 2, plant.pose, plant.commands
         self._plant, self._wheel_path = plant, wheel_path(section.effects)
         self._memory = [CommandMemory(path, plant.tau) for path in paths]

@@ -39,8 +39,7 @@ from simgap.lint.measured import check_measured, refuse_links, refuse_unknown
 from simgap.model.tree import Tree
 from simgap.notation import number, pretty_unit
 from simgap.plants.context import Context
-from simgap.report import arm_document
-from simgap.report.diagnosis_document import document
+from simgap.report.diagnosis_document import arm_document, document
 from simgap.report.diagnosis_page import ARM_TEMPLATE, TEMPLATE, draw, draw_arm, page
 from simgap.report.measured_share import transition_columns
 from simgap.stages import log
@@ -260,7 +259,7 @@ def diagnose_arm_recordings(
     for warning in (*reading.warnings, *look.warnings, *found.warnings):
         log.warning("%s", warning)
     made_of = context.record("diagnosis")
-    content = arm_document.document(found, reading, look, tree, inputs, context.units, made_of)
+    content = arm_document(found, reading, look, tree, inputs, context.units, made_of)
     out_dir.mkdir(parents=True, exist_ok=True)
     urdf = MODEL if found.verdict in ("attributed", "partial") and found.inertial and case.plant.urdf else None
     if urdf is not None and case.plant.urdf is not None:

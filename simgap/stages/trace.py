@@ -6,7 +6,7 @@ from simgap.io.controller_file import load_controller_of
 from simgap.io.rerun.closed_loop import verify, write_recording
 from simgap.io.traces import split
 from simgap.plants.context import Context
-from simgap.report.recording import recording_content
+from simgap.report.scene import recording_content
 from simgap.stages import log
 from simgap.stages.arguments import CasePath, GapAwareController, NominalController, Out, Traces
 from simgap.stages.gap_inputs import read_table

@@ -16,14 +16,13 @@ from simgap.io.results import stack
 from simgap.io.traces import BASELINE, GAP_AWARE, NOMINAL, shown, split
 from simgap.plants.context import Context
 from simgap.report.case_figures import surroundings
-from simgap.report.figures import arena as figures_arena
-from simgap.report.figures import domains as figures_domains
+from simgap.report.figures import cells as figures_cells
 from simgap.report.figures import gap as figures_gap
 from simgap.report.figures import problem as figures_problem
-from simgap.report.figures import traces as figures_traces
+from simgap.report.figures import runs as figures_runs
+from simgap.report.figures.cells import margin_slices_figure
 from simgap.report.figures.diagnosis import steps_figure
 from simgap.report.figures.gap import followed_axis
-from simgap.report.figures.margins import slices_figure
 from simgap.synthesis.margins import LARGEST_FACTOR, shown_layers
 from tests.stages import loop_example as example
 
@@ -76,7 +75,7 @@ def test_trajectories_show_the_violation(made):
     runs = {kind: shown(traces, kind) for kind in (NOMINAL, GAP_AWARE)}
     safe = Box([0.0, -0.5], [0.2, 0.5])
     with style.figure_style():
-        figure = figures_traces.trajectories_figure(runs, traces, safe, ["x1", "x2"], UNITS)
+        figure = figures_runs.trajectories_figure(runs, traces, safe, ["x1", "x2"], UNITS)
         first = figure.axes[0]
         crosses = [line for line in first.lines if line.get_marker() == "X"]
         assert len(crosses) == 1
@@ -89,7 +88,7 @@ def test_trajectories_show_the_violation(made):
 def test_domains_are_drawn_where_they_win(made):
     _, traces, controllers, _ = made
     with style.figure_style():
-        figure = figures_domains.domains_figure(controllers, traces, UNITS)
+        figure = figures_cells.domains_figure(controllers, traces, UNITS)
         for axis, kind in zip(figure.axes, (NOMINAL, GAP_AWARE), strict=False):
             image = axis.images[0].get_array()
             winning = controllers[kind].solution.winning.reshape(controllers[kind].grid.cells)
@@ -126,7 +125,7 @@ def test_a_body_that_only_feels_its_input_is_shown_over_inputs(tmp_path):
 
 def test_the_promised_time_stands_beside_the_times_of_every_controller():
     with style.figure_style():
-        figure = figures_arena.times_figure({GAP_AWARE: [10, 20], BASELINE: [15], NOMINAL: [30]}, 0.5, 40)
+        figure = figures_runs.times_figure({GAP_AWARE: [10, 20], BASELINE: [15], NOMINAL: [30]}, 0.5, 40)
         (axis,) = figure.axes
         assert [line.get_xdata()[0] for line in axis.lines] == [20.0]
         labels = [text.get_text() for text in figure.legends[0].get_texts()]
@@ -137,7 +136,7 @@ def test_the_promised_time_stands_beside_the_times_of_every_controller():
 
 def test_times_are_in_seconds():
     with style.figure_style():
-        figure = figures_arena.times_figure({GAP_AWARE: [10, 20, 30], NOMINAL: []}, 0.5)
+        figure = figures_runs.times_figure({GAP_AWARE: [10, 20, 30], NOMINAL: []}, 0.5)
         (axis,) = figure.axes
         assert axis.get_xlim() == pytest.approx((0.0, 15.0))
         (label,) = [text.get_text() for text in figure.legends[0].get_texts()]  # nothing is said of no runs
@@ -166,14 +165,14 @@ def test_maps_of_margins_show_the_layers_that_have_some_and_say_where_a_bar_ends
     factor = np.full(grid.cells, np.nan)
     layers = shown_layers(48, 3)
     factor[:, :, layers] = np.geomspace(1.01, 50.0, 40)[:, None, None]
-    figure = slices_figure(grid, factor.reshape(-1), ("x", "y", "theta"), {"x": "m", "y": "m", "theta": "rad"})
+    figure = margin_slices_figure(grid, factor.reshape(-1), ("x", "y", "theta"), {"x": "m", "y": "m", "theta": "rad"})
     titles = [axis.get_title() for axis in figure.axes if axis.get_title()]
     assert titles == [f"theta = {-3.0 + (k + 0.5) / 8:.2f} rad" for k in (0, 16, 32)]
     names = [label.get_text() for label in figure.axes[-1].get_yticklabels()]
     assert not any("\u2265" in name for name in names)
     plt.close(figure)
     factor[0, 0, 0] = LARGEST_FACTOR
-    figure = slices_figure(grid, factor.reshape(-1), ("x", "y", "theta"), {})
+    figure = margin_slices_figure(grid, factor.reshape(-1), ("x", "y", "theta"), {})
     names = [label.get_text() for label in figure.axes[-1].get_yticklabels()]
     assert names[-1] == "\u2265 10,000"
     plt.close(figure)

@@ -6,26 +6,29 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from simgap.config.plant import PlantSection
+from simgap.config.plant import Input, PlantSection, State
 from simgap.errors import UserError
 from simgap.model.compile import compile_interval_kernel, compile_kernel
 from simgap.model.symbolic import symbol
 from simgap.plants.plant_model import PlantModel
-from simgap.plants.urdf import JointState, load_urdf
+from simgap.plants.urdf import load_urdf
 
 MODELS = Path(__file__).parents[2] / "configs" / "models"
 PENDULUM = (
-    {"x1": JointState("hinge", "position", "rad"), "x2": JointState("hinge", "velocity", "rad/s")},
-    {"u": ("hinge", "N*m")},
+    {
+        "x1": State(joint="hinge", quantity="position", unit="rad"),
+        "x2": State(joint="hinge", quantity="velocity", unit="rad/s"),
+    },
+    {"u": Input(joint="hinge", unit="N*m")},
 )
 DOUBLE = (
     {
-        "q1": JointState("shoulder", "position", "rad"),
-        "q2": JointState("elbow", "position", "rad"),
-        "v1": JointState("shoulder", "velocity", "rad/s"),
-        "v2": JointState("elbow", "velocity", "rad/s"),
+        "q1": State(joint="shoulder", quantity="position", unit="rad"),
+        "q2": State(joint="elbow", quantity="position", unit="rad"),
+        "v1": State(joint="shoulder", quantity="velocity", unit="rad/s"),
+        "v2": State(joint="elbow", quantity="velocity", unit="rad/s"),
     },
-    {"u1": ("shoulder", "N*m"), "u2": ("elbow", "N*m")},
+    {"u1": Input(joint="shoulder", unit="N*m"), "u2": Input(joint="elbow", unit="N*m")},
 )
 
 

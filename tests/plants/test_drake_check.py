@@ -1,4 +1,4 @@
-"""The compiled model is held against Drake's own numbers; a model that differs is a broken promise."""
+"""The compiled model is compared with Drake's own numbers; a model that differs is a broken promise."""
 
 from dataclasses import replace
 

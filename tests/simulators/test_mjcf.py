@@ -18,7 +18,8 @@ from tests.stages import road
 
 pytest.importorskip("mujoco")
 
-from simgap.simulators import mjcf, mjcf_findings
+from simgap.simulators import mjcf
+from simgap.simulators.findings import mjcf_findings, mjcf_switches
 
 TAU, G = 0.005, 9.81
 ROD = """<mujoco><compiler angle="radian"/>{head}<option timestep="{step}" {option}/>
@@ -105,7 +106,7 @@ def test_a_cart_pole_in_mjcf_is_the_one_of_the_urdf(vary, tmp_path):
     (tmp_path / "cp.xml").write_text(CART_POLE)
     path = vary("cart_pole", {"simulator": {"engine": "mujoco", "mjcf": "cp.xml", "substeps": 25}})
     case = load_case(path)
-    found = mjcf_findings.findings(case, tmp_path)
+    found = mjcf_findings(case, tmp_path)
     assert [f.problem for f in found] == ["it integrates by rk4, as its <option> says"]
     rng = np.random.default_rng(1)
     x, u = rng.uniform(-0.2, 0.2, (30, 4)), rng.uniform(-5, 5, (30, 1))
@@ -141,14 +142,14 @@ FOUND = [
 
 @pytest.mark.parametrize(("file", "case", "key", "words"), FOUND, ids=[f[3] for f in FOUND])
 def test_what_differs_from_the_nominal_model_is_told(rod, tmp_path, file, case, key, words):
-    found = mjcf_findings.findings(load_case(rod(file, case)), tmp_path)
+    found = mjcf_findings(load_case(rod(file, case)), tmp_path)
     assert any(f.key == key and words in f.problem for f in found), found
 
 
 def test_effects_of_the_case_make_up_for_what_the_file_has(rod, tmp_path):
     rubbing = {"name": "coulomb_friction", "on": "hinge", "parameters": {"F_c": 0.05}}
     path = rod({"joint": 'frictionloss="0.05"'}, {"plant.effects": [rubbing]})
-    assert mjcf_findings.findings(load_case(path), tmp_path) == []
+    assert mjcf_findings(load_case(path), tmp_path) == []
 
 
 REFUSED = [
@@ -245,7 +246,7 @@ def test_cases_without_mjcf_are_hashed_as_before(vary):
 
 def test_stops_and_dry_friction_of_the_file_are_where_the_gap_is_sampled_on_both_sides(rod, tmp_path):
     path = rod({"joint": 'frictionloss="0.05" range="-0.1 1" limited="true"'})
-    found = mjcf_findings.switches(load_case(path), tmp_path)
+    found = mjcf_switches(load_case(path), tmp_path)
     assert {str(e) for e in found} == {str(symbol("x2")), str(symbol("x1") + 0.1), str(symbol("x1") - 1.0)}
     from simgap.gap.sampling.borders import switching_surfaces
 

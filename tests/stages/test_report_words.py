@@ -13,9 +13,9 @@ from simgap.gap.fitting.dimension_fit import deterministic_tier
 from simgap.geometry import Box, Grid
 from simgap.io.traces import MODEL, Trace
 from simgap.notation import interval, powers
-from simgap.report import arm_document, headline, tables
-from simgap.report.content import unproven
-from simgap.report.headline import little_won
+from simgap.report import content, tables
+from simgap.report.content import little_won, unproven
+from simgap.report.diagnosis_document import arm_sentence
 from simgap.specifications.solution import Solution
 from simgap.synthesis.controller import RULES, Controller
 
@@ -74,12 +74,12 @@ def test_shares_of_both_controllers_are_of_the_same_cells():
         "nominal": {"winning_cells": 9900, "free_cells": 10000, "winning_fraction": 0.99},
     }
     m = SimpleNamespace(syntheses=syntheses)
-    assert headline.common_free(syntheses) == 10000
-    assert headline._won(m, "gap") == "79.5 % (7,952 cells)"
-    assert headline._won(m, "nominal") == "99.0 % (9,900 cells)"
-    assert "8,000 of them stay free between samples, of which it wins 99.4 %" in headline._own_share(m)
+    assert content.common_free(syntheses) == 10000
+    assert content._won(m, "gap") == "79.5 % (7,952 cells)"
+    assert content._won(m, "nominal") == "99.0 % (9,900 cells)"
+    assert "8,000 of them stay free between samples, of which it wins 99.4 %" in content._own_share(m)
     same = SimpleNamespace(syntheses={k: s | {"free_cells": 10000} for k, s in syntheses.items()})
-    assert headline._own_share(same) == ""
+    assert content._own_share(same) == ""
 
 
 def test_a_table_is_signed_where_its_sides_differ():
@@ -99,13 +99,13 @@ def test_the_headline_says_what_its_number_of_runs_excludes():
             context=SimpleNamespace(case=case), validation={"controllers": {"gap": {"simulator": tally}}}
         )
 
-    plain = headline._sample(page(300, 0))
+    plain = content._sample(page(300, 0))
     assert "at most 1 % fail" in plain  # 1 - 0.05^(1/300) = 0.9936 %
     assert plain.endswith("a full run makes it 0.3 %.")  # 0.2992 %
-    assert headline._sample(page(1000, 0)) == "Of starts drawn like these at most 0.3 % fail, with 95 % confidence."
-    assert "full run" not in headline._sample(page(20, 0, starts=20))  # a full run takes no more than the case says
-    assert "at most 14 %" in headline._sample(page(21, 0, first=1, starts=21))  # 13.91 %: a given start is not drawn
-    assert "at most 2.1 %" in headline._sample(page(300, 2))  # 0.0209: rounded up
+    assert content._sample(page(1000, 0)) == "Of starts drawn like these at most 0.3 % fail, with 95 % confidence."
+    assert "full run" not in content._sample(page(20, 0, starts=20))  # a full run takes no more than the case says
+    assert "at most 14 %" in content._sample(page(21, 0, first=1, starts=21))  # 13.91 %: a given start is not drawn
+    assert "at most 2.1 %" in content._sample(page(300, 2))  # 0.0209: rounded up
 
 
 def test_many_effects_of_an_arm_are_told_by_kind():
@@ -119,10 +119,10 @@ def test_many_effects_of_an_arm_are_told_by_kind():
     told = {"verdict": "partial", "recording": [], "payloads": [], "explained_share": 0.8, "explained_error": None}
     rows = [{"joint": j, "input": f"u_{j}", "link": f"link_{j}"} for j in ("j1", "j2", "j3", "j4")]
     few, many, every = (
-        arm_document.sentence(told | {"effects": effects[:n], "joints": rows[:k]}) for n, k in ((2, 4), (6, 4), (6, 3))
+        arm_sentence(told | {"effects": effects[:n], "joints": rows[:k]}) for n, k in ((2, 4), (6, 4), (6, 3))
     )
     assert every.startswith("Coulomb friction at the joints and viscous friction at the joints together ")
-    some = arm_document.sentence(told | {"effects": effects[:5], "joints": rows[:3]})
+    some = arm_sentence(told | {"effects": effects[:5], "joints": rows[:3]})
     assert some.startswith("Coulomb friction at the joints and viscous friction at the joints j1 and j2 together ")
     assert few.startswith("Coulomb friction of 2.0 ± 0.1 N m at the j1 and Coulomb friction of 2.0 ")
     assert many.startswith("Coulomb friction at the joints j1, j2 and j3 and viscous friction at the joints j1, j2 ")
@@ -155,7 +155,7 @@ def test_why_the_gap_aware_controller_may_fail_on_the_nominal_model():
     def said(bad: int) -> str:
         tallies = {"gap": {MODEL: {"runs_that_violated_it": bad, "runs": 300}}}
         case = SimpleNamespace(simulator=SimpleNamespace(inertia="engine"))
-        return headline.on_model(
+        return content.on_model(
             SimpleNamespace(validation={"controllers": tallies}, context=SimpleNamespace(case=case))
         )
 
@@ -186,30 +186,30 @@ def _apart(aware: str, nominal: str, end: float = 1.7, gap: float = 0.5) -> Simp
 
 
 def test_the_step_that_ends_a_nominal_run_is_told_with_its_gap():
-    said = headline.failure(_apart("xx..", "xxx."))
+    said = content.failure(_apart("xx..", "xxx."))
     assert "ends at q = 1.7 rad, outside its winning domain" in said
     assert "(0.5 rad in q) is the cause" in said
-    assert headline.failure(_apart("xx..", "xxx.", end=1.2)) == ""  # it ends inside: something else ended it
-    assert headline.failure(_apart("xx..", "xxx.", gap=0.1)) == ""  # the model alone leaves too
+    assert content.failure(_apart("xx..", "xxx.", end=1.2)) == ""  # it ends inside: something else ended it
+    assert content.failure(_apart("xx..", "xxx.", gap=0.1)) == ""  # the model alone leaves too
     kept = _apart("xx..", "xxx.")
     kept.validation["controllers"]["nominal"]["simulator"]["runs_that_violated_it"] = 0
-    assert headline.failure(kept) == ""
+    assert content.failure(kept) == ""
 
 
 def test_why_one_controller_wins_cells_that_the_other_loses(monkeypatch):
-    monkeypatch.setattr(headline, "specification_of", lambda case: SimpleNamespace(between_samples=False))
-    both = headline.cells_apart(_apart(".xx.", "xxxx"))
+    monkeypatch.setattr(content, "specification_of", lambda case: SimpleNamespace(between_samples=False))
+    both = content.cells_apart(_apart(".xx.", "xxxx"))
     assert "loses 2 cells that the other wins: there, some gap within gamma leads out" in both
     assert "that the other loses" not in both
-    both = headline.cells_apart(_apart("xx.x", "xxx."))
+    both = content.cells_apart(_apart("xx.x", "xxx."))
     assert "loses 1 cells" not in both
     assert "wins 1 cells" not in both
     assert "loses 1 cell that" in both
     assert "wins 1 cell that the other loses: gamma excludes zero in places" in both
-    assert headline.cells_apart(_apart("xx..", "xx..")) == ""
+    assert content.cells_apart(_apart("xx..", "xx..")) == ""
     unsigned = _apart("xxx.", "xx..")
     unsigned.gap["dimensions"][0]["scenario"].pop("lower")
-    assert headline.cells_apart(unsigned) == ""  # the path between samples alone can do that
+    assert content.cells_apart(unsigned) == ""  # the path between samples alone can do that
 
 
 @pytest.mark.parametrize(("verdict", "rig", "lacking", "words"), [
@@ -222,7 +222,7 @@ def test_why_one_controller_wins_cells_that_the_other_loses(monkeypatch):
 def test_a_promise_in_a_simulator_that_recordings_contradict_says_so_first(verdict, rig, lacking, words):
     """A motor's law failed in 138 of 284 starts on the plant, under a green "promise kept"."""
     context = SimpleNamespace(case=SimpleNamespace(measured=SimpleNamespace(rig=rig)))
-    said = headline.contradicted(SimpleNamespace(context=context, diagnosis={
+    said = content.contradicted(SimpleNamespace(context=context, diagnosis={
         "verdict": verdict, "simulator": {"effects": lacking},
     }))  # fmt: skip
     assert words in said

@@ -13,8 +13,7 @@ from simgap.io.rerun.recording import JointScene, PlanarScene, viewed
 from simgap.io.traces import split
 from simgap.plants.context import Context
 from simgap.provenance import sections_digest
-from simgap.report.recording import recording_content
-from simgap.report.scene import scene
+from simgap.report.scene import recording_content, scene
 from tests.stages import loop_example as example
 
 

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from simgap.config.plant import PlantSection
+from simgap.config.plant import Input, PlantSection, State
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.model.symbolic import SymbolicModel
 from simgap.plants.plant_model import declared_model
-from simgap.plants.urdf import JointState, load_urdf
+from simgap.plants.urdf import load_urdf
 from tests.undeclared.rig.textbook import Hidden, Textbook, runs
 
 MODELS = Path(__file__).parents[2] / "configs" / "models"
@@ -111,11 +111,13 @@ def nominal(name: str) -> SymbolicModel:
         return declared_model(PlantSection.model_validate(EQUATIONS[name]), None)
     file, joints, speeds, inputs = URDFS[name]
     units = {q: "m" if joint == "rail" else "rad" for q, joint in joints.items()}
-    states = {q: JointState(joint, "position", units[q]) for q, joint in joints.items()}
+    states = {q: State(joint=joint, quantity="position", unit=units[q]) for q, joint in joints.items()}
     states |= {
-        v: JointState(joint, "velocity", f"{units[q]}/s") for v, (q, joint) in zip(speeds, joints.items(), strict=True)
+        v: State(joint=joint, quantity="velocity", unit=f"{units[q]}/s")
+        for v, (q, joint) in zip(speeds, joints.items(), strict=True)
     }
-    return load_urdf(MODELS / file, states, inputs)
+    own = {u: Input(joint=joint, unit=unit) for u, (joint, unit) in inputs.items()}
+    return load_urdf(MODELS / file, states, own)
 
 
 def record(plant: Textbook, hidden: Hidden, seed: int, **more: float) -> Record:

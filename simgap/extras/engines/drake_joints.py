@@ -11,7 +11,6 @@ from pydantic import Field
 
 from simgap.arrays import Floats
 from simgap.config.simulator import EngineSection
-from simgap.errors import UserError
 from simgap.plants.model_file import Link
 from simgap.plants.urdf import add_welded, moving_bodies
 from simgap.plants.urdf_checks import check_urdf
@@ -45,11 +44,7 @@ class DrakeJoints(JointEngine):
         self._diagram, self._bodies = _diagram(plant, section)
         self._context = self._diagram.CreateDefaultContext()
         self._own = self._bodies.GetMyMutableContextFromRoot(self._context)
-        joints = []
-        for name in plant.joints:
-            if not self._bodies.HasJointNamed(name):
-                raise UserError(f"no joint called '{name}'", file=plant.file)
-            joints.append(self._bodies.GetJointByName(name))
+        joints = [self._bodies.GetJointByName(name) for name in plant.joints]
         self._q = [joint.position_start() for joint in joints]
         self._v = [joint.velocity_start() for joint in joints]
         self._push = self._bodies.get_applied_generalized_force_input_port()
@@ -99,8 +94,5 @@ def _link(body: Any) -> Link:
     """Mass, principal moments about the centre of mass, and centre of mass of a body."""
     inertia = body.default_spatial_inertia()
     mass, com = float(inertia.get_mass()), np.array(inertia.get_com())
-    if mass == 0.0:
-        return Link(0.0, np.zeros(3), com)
-    about = inertia.CalcRotationalInertia().CopyToFullMatrix3()
-    about = about - mass * (com @ com * np.eye(3) - np.outer(com, com))
-    return Link(mass, np.linalg.eigvalsh(about), com)
+    about = inertia.CalcRotationalInertia().CopyToFullMatrix3() if mass else np.zeros((3, 3))
+    return Link(mass, np.linalg.eigvalsh(about - mass * (com @ com * np.eye(3) - np.outer(com, com))), com)

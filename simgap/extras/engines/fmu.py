@@ -12,22 +12,19 @@ import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field, ValidationInfo, model_validator
 
 from simgap import reading
 from simgap.arrays import Floats
+from simgap.config.case import Case
 from simgap.config.simulator import EngineSection
 from simgap.errors import UserError, excerpt, optional
 from simgap.plugins import announce
-from simgap.simulators.base import Engine
+from simgap.simulators.base import Engine, domain_of
 from simgap.units import check_unit, require_unit
-
-if TYPE_CHECKING:
-    from simgap.config.case import Case
-
 
 KEY = "simulator.fmu"
 PREFIX = "simgap-fmu-"
@@ -81,16 +78,14 @@ def _refuse_archive(path: Path, entries: Sequence[zipfile.ZipInfo]) -> None:
     out = [e.filename for e in entries if e.filename[:1] in "/\\" or ".." in re.split(r"[/\\]", e.filename)]
     size = sum(e.file_size for e in entries)
     described = sum(e.file_size for e in entries if e.filename == DESCRIPTION)
-    problem = (
-        f"'{excerpt(out[0], 60)}' in it leads out of the folder that it is unpacked to"
-        if out
-        else f"holds {len(entries)} parts of {size / 1e9:.3g} GB in all; the most are {MOST_PARTS} and "
-        f"{MOST_UNPACKED / 1e9:.3g} GB"
-        if len(entries) > MOST_PARTS or size > MOST_UNPACKED
-        else f"its {DESCRIPTION} has {described} bytes; the most are {reading.MOST_XML}"
-        if described > reading.MOST_XML
-        else None
-    )
+    problem = ""
+    if out:
+        problem = f"'{excerpt(out[0], 60)}' in it leads out of the folder that it is unpacked to"
+    elif len(entries) > MOST_PARTS or size > MOST_UNPACKED:
+        most = f"the most are {MOST_PARTS} and {MOST_UNPACKED / 1e9:.3g} GB"
+        problem = f"holds {len(entries)} parts of {size / 1e9:.3g} GB in all; {most}"
+    elif described > reading.MOST_XML:
+        problem = f"its {DESCRIPTION} has {described} bytes; the most are {reading.MOST_XML}"
     if problem:
         raise UserError(problem, file=path, key=KEY, remedy="Export it again.")
 
@@ -118,10 +113,8 @@ class Unit:
         kinds = {"2": FMU2Slave, "3": FMU3Slave}
         self.fmi, self.model, self._path = str(about.fmiVersion), str(about.modelName), path
         if about.coSimulation is None or self.fmi[0] not in kinds:
-            raise UserError(
-                f"is FMI {self.fmi} {'without' if about.coSimulation is None else 'with'} co-simulation", file=path,
-                key=KEY, remedy="Export it as FMI 2 or 3 for co-simulation.",
-            )  # fmt: skip
+            problem = f"is FMI {self.fmi} {'without' if about.coSimulation is None else 'with'} co-simulation"
+            raise UserError(problem, file=path, key=KEY, remedy="Export it as FMI 2 or 3 for co-simulation.")
         self._variables = {v.name: v for v in about.modelVariables}
         self._folder, self._lock = _place()
         fmpy.extract(str(path), str(self._folder))
@@ -145,10 +138,8 @@ class Unit:
         found = self._variables.get(name)
         if found is None or found.type not in REAL or found.dimensions:
             known = [v.name for v in self._variables.values() if v.type in REAL and not v.dimensions]
-            raise UserError(
-                f"the FMU has no real variable '{excerpt(name, 60)}'", file=self._path, key=key,
-                remedy=f"It has: {excerpt(', '.join(known), 300)}.",
-            )  # fmt: skip
+            problem = f"the FMU has no real variable '{excerpt(name, 60)}'"
+            raise UserError(problem, file=self._path, key=key, remedy=f"It has: {excerpt(', '.join(known), 300)}.")
         stated = found.unit or getattr(found.declaredType, "unit", None)
         if unit is None or not stated:
             return
@@ -217,10 +208,8 @@ class Unit:
         except UserError:
             raise
         except Exception as error:
-            raise UserError(
-                f"{what}: {_said(error)}", file=self._path, key=KEY,
-                remedy="Try it in FMPy (`fmpy simulate`), and exclude what it cannot do from domain.X and domain.U.",
-            ) from None  # fmt: skip
+            remedy = "Try it in FMPy (`fmpy simulate`), and exclude what it cannot do from domain.X and domain.U."
+            raise UserError(f"{what}: {_said(error)}", file=self._path, key=KEY, remedy=remedy) from None
 
     def close(self) -> None:
         """Free the instance, and remove what was unpacked."""
@@ -242,7 +231,6 @@ def _said(error: BaseException) -> str:
 
 STARTS = 1e-9
 """Largest relative deviation of a start from the state that was set: rounding; judgement."""
-KEY = "simulator.fmu"
 
 
 class FmuSettings(EngineSection):
@@ -297,25 +285,25 @@ class FmuEngine(Engine):
                 have or in other units.
         """
         section: Any = case.simulator
-        if case.domain is None:
-            raise UserError("the simulator needs a sampling time", key="domain.tau", remedy="Add `domain:`.")
         names = list(case.plant.states), list(case.plant.inputs)
         for key, known in (("variables", (*names[0], *names[1])), ("starts", names[0])):
             unknown = sorted(set(getattr(section, key)) - set(known))
             if unknown:
                 raise UserError(f"{unknown} are not of the plant", key=f"simulator.{key}", remedy=f"It has {[*known]}.")
-        engine = cls(Unit(folder / section.fmu), names, section, case.domain.tau)
+        engine = cls(Unit(folder / section.fmu), names, section, domain_of(case).tau)
         units = [s.unit for s in case.plant.states.values()], [i.unit for i in case.plant.inputs.values()]
         engine._check(units)
         return engine
 
     def _check(self, units: tuple[list[str], list[str]]) -> None:
-        of_states = zip(self._names[0], self._states, units[0], strict=True)
-        of_inputs = zip(self._names[1], self._inputs, units[1], strict=True)
-        for name, variable, unit in (*of_states, *of_inputs):
-            self._unit.check(variable, f"simulator.variables.{name}", unit)
-        for name, variable, unit in zip(self._names[0], self._starts, units[0], strict=True):
-            self._unit.check(variable, f"simulator.starts.{name}", unit)
+        (states, inputs), (of_states, of_inputs) = self._names, units
+        for key, names, variables, own in (
+            ("variables", states, self._states, of_states),
+            ("variables", inputs, self._inputs, of_inputs),
+            ("starts", states, self._starts, of_states),
+        ):
+            for name, variable, unit in zip(names, variables, own, strict=True):
+                self._unit.check(variable, f"simulator.{key}.{name}", unit)
         for name in self._parameters:
             self._unit.check(name, f"simulator.parameters.{name}")
 
@@ -331,11 +319,9 @@ class FmuEngine(Engine):
         off = np.abs(found - x) > STARTS * np.maximum(1.0, np.abs(x))
         if off.any():
             k = int(np.argmax(off))
-            raise UserError(
-                f"set to begin at {self._names[0][k]} = {x[k]:g}, the FMU begins at {found[k]:g}",
-                key=f"simulator.starts.{self._names[0][k]}",
-                remedy="Name the variable or parameter that sets its start.",
-            )
+            problem = f"set to begin at {self._names[0][k]} = {x[k]:g}, the FMU begins at {found[k]:g}"
+            remedy = "Name the variable or parameter that sets its start."
+            raise UserError(problem, key=f"simulator.starts.{self._names[0][k]}", remedy=remedy)
 
     def advance(self, u: Floats) -> Floats:
         """Hold u (nu,) for tau: -> (nx,).

@@ -23,7 +23,7 @@ from simgap.late import scipy
 from simgap.model.tree import moved
 from simgap.plants.urdf_checks import loading
 from simgap.simulators import mjcf
-from simgap.simulators.mjcf_findings import most_force, motors_of
+from simgap.simulators.findings import most_force, motors_of
 
 _DELETED = (
     "actuators", "sensors", "keys", "pairs", "excludes", "tendons", "equalities", "geoms", "sites", "cameras", "lights",

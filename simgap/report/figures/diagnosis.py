@@ -9,7 +9,7 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.diagnosis.result import WindowPrediction
-from simgap.diagnosis.verdict.missing import Binned, Missing
+from simgap.diagnosis.verdict.missing import Missing
 from simgap.diagnosis.verdict.words import phrase
 from simgap.io import figure_style as style
 from simgap.notation import axis_label, number, pretty_unit
@@ -60,7 +60,8 @@ def overlay_figure(
             wide = 2 * (noise or {})[name]
             axis.axhspan(-wide, wide, color=style.FLOOR, alpha=0.45, lw=0, label="noise, ±2σ")
             axis.plot(t[pick], (curves["measured"] - curves[word])[pick, k], **LOOKS[word] | {"lw": 1.3})
-            axis.set_ylabel(f"residual\n{word} ({pretty_unit(units[name])})")
+            unit = f"({pretty_unit(units[name])})" if pretty_unit(units[name]) else ""
+            axis.set_ylabel("\n".join(filter(None, ("residual", word, unit))))  # short lines: the panels are low
     if inputs:
         own = axes[-1, 0]
         for j, name in enumerate(inputs):
@@ -81,23 +82,18 @@ def missing_figure(m: Missing) -> Any:
     names = list(m.before)[:3]
     figure, axes = style.panels(1, len(names), 3.5, sharey=True)
     for axis, name in zip(axes[0], names, strict=True):
-        _errorbars(axis, m.before[name], style.BEFORE, "s", "before")
-        _errorbars(axis, m.after[name], style.AFTER, "o", "after")
+        for b, colour, marker, label in (
+            (m.before[name], style.BEFORE, "s", "before"),
+            (m.after[name], style.AFTER, "o", "after"),
+        ):
+            look = {"color": colour, "marker": marker, "ms": 5, "lw": 1.4, "elinewidth": 1.1, "capsize": 0}
+            axis.errorbar(b.centre, b.mean, yerr=b.half, label=label, **look)
         axis.axhline(0.0, color="#55595F", lw=1.0)
         axis.set_xlabel(axis_label(name, m.units))
-    axes[0, 0].set_ylabel(f"missing {_folded(m.label)}\n({pretty_unit(m.unit)})")
+    what = m.label.replace(" at ", "\nat ")
+    axes[0, 0].set_ylabel(f"missing {what}\n({pretty_unit(m.unit)})")
     style.legend(figure)
     return figure
-
-
-def _folded(label: str) -> str:
-    return label.replace(" at ", "\nat ")
-
-
-def _errorbars(axis: Any, b: Binned, colour: str, marker: str, label: str) -> None:
-    axis.errorbar(
-        b.centre, b.mean, yerr=b.half, color=colour, marker=marker, ms=5, lw=1.4, elinewidth=1.1, capsize=0, label=label
-    )
 
 
 def _gain(value: float) -> str:
@@ -129,10 +125,9 @@ def steps_figure(steps: Sequence[Mapping[str, Any]]) -> Any:
     axis.set_yticks(range(len(rows)), [label for label, *_ in rows])
     for tick, (_, _, option) in zip(axis.get_yticklabels(), rows, strict=True):
         tick.set_fontweight("bold" if option is None else "normal")
-    axis.set_ylim(len(rows) - 0.3, -0.7)
     largest = max((float(o["chi2_dof"]) for *_, o in rows if o is not None), default=1.0)
-    axis.set_xscale("log")
-    axis.set_xlim(NO_LESS, 2.0 * max(largest, 5.0, *(before for _, before, _ in rows)))
+    most = 2.0 * max(largest, 5.0, *(before for _, before, _ in rows))
+    axis.set(xscale="log", xlim=(NO_LESS, most), ylim=(len(rows) - 0.3, -0.7))
     axis.axvline(1.0, color="#55595F", lw=1.4, ls=(0, (4, 2)))
     axis.set_xlabel("remaining chi²/dof (log); 1 is the noise (dashed)")
     axis.grid(axis="y", visible=False)
@@ -150,19 +145,13 @@ def _rows_of(k: int, step: Mapping[str, Any]) -> list[tuple[str, float, Mapping[
 
 def error_figure(error: Mapping[str, Any], units: Mapping[str, str]) -> Any:
     """Error h seconds ahead on held-out data: before, after and the floor of a perfect model, one panel a state."""
-    states = list(error["before"]["horizon_rmse"])
+    states, which = list(error["before"]["horizon_rmse"]), ("noise_floor", "after", "before")
     figure, axes = style.panels(1, len(states), 3.2)
-    rows = (
-        ("noise_floor", style.FLOOR, "expected\nnoise floor"),
-        ("after", style.AFTER, "after"),
-        ("before", style.BEFORE, "before"),
-    )
     for axis, state in zip(axes[0], states, strict=True):
-        for y, (which, colour, _) in enumerate(rows):
-            value = float(error[which]["horizon_rmse"][state])
-            axis.barh(y, value, color=colour, height=0.66)
-            axis.annotate(f" {number(value, 3)}", (value, y), va="center", fontsize=11)
-        axis.set_yticks(range(3), [label for _, _, label in rows])
+        values = [float(error[key]["horizon_rmse"][state]) for key in which]
+        bars = axis.barh(range(3), values, color=(style.FLOOR, style.AFTER, style.BEFORE), height=0.66)
+        axis.bar_label(bars, [f" {number(value, 3)}" for value in values], fontsize=11)
+        axis.set_yticks(range(3), ["expected\nnoise floor", "after", "before"])
         axis.set_xlabel(f"RMS error {error['before']['horizon_s']:g} s ahead, {axis_label(state, units)}")
         axis.margins(x=0.18)
         axis.grid(axis="y", visible=False)

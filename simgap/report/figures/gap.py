@@ -18,10 +18,8 @@ _PREFIXES = ((1e-9, "n"), (1e-6, "µ"), (1e-3, "m"), (1.0, ""))
 def scaled(largest: float, unit: str) -> tuple[float, str]:
     """Factor and unit with which numbers up to `largest` are printed: (2e-4, 'rad') -> (1e6, 'µrad')."""
     pretty = pretty_unit(unit)
-    for size, prefix in reversed(_PREFIXES):
-        if largest >= size or size == _PREFIXES[0][0]:
-            return (1.0 / size, f"{prefix}{pretty}") if pretty else (1.0, "")
-    return 1.0, pretty
+    size, prefix = next(((s, p) for s, p in reversed(_PREFIXES) if largest >= s), _PREFIXES[0])
+    return (1.0 / size, f"{prefix}{pretty}") if pretty else (1.0, "")
 
 
 def middle_input(gap: GapFunction) -> Floats:
@@ -151,17 +149,15 @@ def sweep_figure(rows: Sequence[Mapping[str, Any]], states: Sequence[str], units
     )
     for axis, state in zip(axes[0], states, strict=True):
         for key, colour, marker, label in looks:
-            own = [(e, r["states"][state][key]) for e, r in zip(eps, rows, strict=True)]
-            points = [(e, v) for e, v in own if v is not None and v > 0]
-            if points:
-                ls = "" if key == "sampled" else "-"
-                axis.plot(*zip(*points, strict=True), color=colour, marker=marker, ms=8, ls=ls, label=label)
-        axis.set_xscale("log")
-        axis.set_yscale("log")
+            values = {r["eps"]: r["states"][state][key] for r in rows}
+            known = {e: v for e, v in values.items() if v is not None and v > 0}
+            if known:
+                look = {"color": colour, "marker": marker, "ms": 8, "ls": "" if key == "sampled" else "-"}
+                axis.plot([*known], [*known.values()], label=label, **look)
+        axis.set(xscale="log", yscale="log", xlabel="eps, radius of the balls that cover X")
+        axis.set_ylabel(axis_label(state, units))
         axis.set_xticks(eps, [f"{e:g}" for e in eps])
         axis.minorticks_off()
-        axis.set_xlabel("eps, radius of the balls that cover X")
-        axis.set_ylabel(f"{axis_label(state, units)}")
         axis.margins(0.15)
     style.legend(figure)
     return figure

@@ -25,8 +25,7 @@ def figure(keys: Sequence[str], shown: Sequence[str], rows: Sequence[Mapping[str
     with style.figure_style():
         made, axes = style.panels(1, len(panels), 3.6, style.WIDTH * max(1.0, len(panels) / 2))
         for axis, name in zip(axes[0], panels, strict=True):
-            axis.set_title(name)
-            axis.set_xlabel(varied[0])
+            axis.set(title=name, xlabel=varied[0])
             if len(varied) == 1:
                 order = sorted(rows, key=lambda row: float(row[varied[0]]))
                 x, y = ([float(row[k]) for row in order] for k in (varied[0], name))
