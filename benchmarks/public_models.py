@@ -71,6 +71,8 @@ FILES: tuple[tuple[str, str, dict[str, Any], str], ...] = (
     (DRAKE, "pendulum/Pendulum.urdf", {}, CASE),
     (DATA, "ur_description/urdf/ur5_robot.urdf", {"joints": ["elbow_joint"]}, CASE),
     (DATA, "ur_description/urdf/ur5_robot.urdf", {"joints": ["shoulder_pan_joint", "elbow_joint"]}, CASE),
+    (DATA, "ur_description/urdf/ur5_robot.urdf", {"joints": ["wrist_1_joint"]}, CASE),
+    (DATA, "ur_description/urdf/ur5_robot.urdf", {"joints": ["wrist_3_joint"]}, CASE),
     (DATA, "panda_description/urdf/panda.urdf", {"joints": ["panda_joint4"]}, CASE),
     (DATA, "kinova_description/robots/kinova.urdf", {"joints": ["j2s6s200_joint_2"]}, CASE),
     (DATA, "double_pendulum_description/urdf/double_pendulum.urdf", {}, "no room between its limits"),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -128,9 +128,11 @@ class Asked:
     """CPU time of this process, s, at which a search ends."""
     tell: Callable[[str], None] = lambda words: None
     note: Callable[[str], None] = lambda words: None
+    made: list[Path] = field(default_factory=list)
+    """Files beside the case, written or about to be: they go where it does not come to be."""
 
     def beside(self, ending: str) -> Path:
-        """A file of the case's own.
+        """A file of the case's own, which joins `made`.
 
         Raises:
             UserError: it is there already.
@@ -138,6 +140,7 @@ class Asked:
         path = self.place.with_name(f"{self.place.name}_model{ending}")
         if path.exists():
             raise UserError("already exists and is left unchanged", file=path, remedy="Give another name, or move it.")
+        self.made.append(path)
         return path
 
 
@@ -147,7 +150,7 @@ class NewModel:
 
     Attributes:
         mjcf: the simulator's own file. effects: of the plant: (name, joint, parameters). gravity: m/s^2.
-        step: of the simulator, s; None for its usual one. made: the files that were written.
+        step: of the simulator, s; None for its usual one.
     """
 
     file: ModelFile
@@ -155,7 +158,6 @@ class NewModel:
     effects: tuple[tuple[str, str, Mapping[str, float]], ...] = ()
     gravity: float = 9.81
     step: float | None = None
-    made: tuple[Path, ...] = ()
 
 
 def model_of_urdf(path: Path, asked: Asked, note: Callable[[str], None]) -> NewModel:
@@ -186,7 +188,7 @@ def model_of_urdf(path: Path, asked: Asked, note: Callable[[str], None]) -> NewM
         note(f"{made.name} has the other joints locked: {', '.join(f'{n} at {places[n]:.4g}' for n in locked)}.")
     else:
         note(f"{made.name} has no shapes: {excerpt(absent[0], 60)} is missing, and shapes do not enter the motion.")
-    return NewModel(read_model_file(made), made=(made,))
+    return NewModel(read_model_file(made))
 
 
 def model_of_mjcf(path: Path, asked: Asked, note: Callable[[str], None]) -> NewModel:
@@ -199,34 +201,26 @@ def model_of_mjcf(path: Path, asked: Asked, note: Callable[[str], None]) -> NewM
     made = asked.beside(".urdf")
     alone = asked.beside(".xml") if found.alone is not None else None
     _write(made, found.robot)
-    try:
-        file = replace(read_model_file(made), driven=found.driven)
-        check_positions(file.joints, {n: q for n, q in asked.at.items() if n in file.joints})
-        standing = base_of(found.robot, file.driven, world=False)
-        _check_base(path, standing.kind, standing.words, asked.base)
-        if alone is not None:
-            write_text(alone, found.alone or "")
-            note(f"{alone.name} is {path.name} without {'; '.join(found.left_out)}.")
-    except BaseException:
-        made.unlink()
-        raise
+    file = replace(read_model_file(made), driven=found.driven)
+    check_positions(file.joints, {n: q for n, q in asked.at.items() if n in file.joints})
+    standing = base_of(found.robot, file.driven, world=False)
+    _check_base(path, standing.kind, standing.words, asked.base)
+    if alone is not None:
+        write_text(alone, found.alone or "")
+        note(f"{alone.name} is {path.name} without {'; '.join(found.left_out)}.")
     note(f"{made.name} has the bodies as MuJoCo compiles them, for the nominal model.")
-    return NewModel(file, alone or path, found.effects, found.gravity, found.step, (made, *([alone] if alone else [])))
+    return NewModel(file, alone or path, found.effects, found.gravity, found.step)
 
 
 def _write(made: Path, robot: ElementTree.Element) -> None:
     """A URDF of its own; Drake composes what is welded together.
 
     Raises:
-        UserError: one that Drake does not take; nothing is left of it.
+        UserError: one that Drake does not take.
     """
-    try:
-        write_text(made, ElementTree.tostring(robot, encoding="unicode"))
-        write_text(made, composed(robot, load_tree(made), root_link(made)))
-        check_urdf(made)
-    except BaseException:
-        made.unlink(missing_ok=True)
-        raise
+    write_text(made, ElementTree.tostring(robot, encoding="unicode"))
+    write_text(made, composed(robot, load_tree(made), root_link(made)))
+    check_urdf(made)
 
 
 def _check_base(path: Path, kind: str, words: str, base: str | None) -> None:

@@ -69,22 +69,22 @@ def run(
         raise UserError("already exists and is left unchanged", file=path, remedy="Give another name, or move it.")
     content = text("new_equations.yaml.j2", name=name)
     parse_case(plain_content(content), path)  # refuses the name before anything is written
-    asked, made = Asked(joints, at or {}, base, out / name, inputs, until, tell, note), list[Path]()
+    asked = Asked(joints, at or {}, base, out / name, inputs, until, tell, note)
     try:
         if mjcf is not None or urdf is not None:
-            content = _of_file(urdf, mjcf, asked, made)
+            content = _of_file(urdf, mjcf, asked)
         parse_case(plain_content(content), path)
         write_text(path, content)
         load_case(path)
     except BaseException:
-        for file in made:
+        for file in asked.made:
             file.unlink(missing_ok=True)
         raise
     return path
 
 
-def _of_file(urdf: Path | None, mjcf: Path | None, asked: Asked, made: list[Path]) -> str:
-    """The case of a model file; `made` hears of files beside it."""
+def _of_file(urdf: Path | None, mjcf: Path | None, asked: Asked) -> str:
+    """The case of a model file."""
     if urdf is not None:
         check_structure(urdf)
         if asked.base != "fixed" and (wheels := wheels_of(urdf)) is not None:
@@ -93,7 +93,6 @@ def _of_file(urdf: Path | None, mjcf: Path | None, asked: Asked, made: list[Path
     else:
         assert mjcf is not None
         model = model_of_mjcf(mjcf, asked, asked.note)
-    made += model.made
     with placed(file=urdf or mjcf):  # what is beside the case goes with it
         content = _of_joints(model, asked)
     if (root := root_link(model.file.path)) != "world":
