@@ -262,6 +262,8 @@ def remember_commands(content: dict[str, Any], case: Case, applied: Sequence[App
         words.append(
             "The delay is not in the sampled model: it is not near one sample of every input, or too large with "
             "these cells and inputs, or not for this specification. Gamma covers it."
+            if case.synthesis is not None
+            else "The delay acts in the model; without `synthesis` there is no controller whose latency it would be."
         )
     return tuple(words)
 
@@ -325,7 +327,7 @@ def _inputs(case: Case) -> int:
     return int(np.prod([len(u.list()) for u in case.domain.U.values()])) if case.domain else 0
 
 
-SUFFIX = "_corrected"
+SUFFIX, TITLE = "_corrected", ", with the corrected model"
 
 
 def corrected_case(
@@ -362,6 +364,8 @@ def corrected_case(
         content["plant"]["urdf"] = urdf
     if applied or urdf is not None:
         content["name"] = str(content["name"]).removesuffix(SUFFIX) + SUFFIX
+        if content.get("title"):
+            content["title"] = str(content["title"]).removesuffix(TITLE) + TITLE
     if applied:
         _append(content["plant"], applied)
         if rig != "simulator":
