@@ -122,7 +122,7 @@ def test_figures_in_sentences_are_those_of_the_results(root):
     assert "two were wrongly `attributed`" in page("docs/explanation/diagnosis.md")
     assert f"{partial} of {len(outside)} are `partial`" in page("docs/evidence/diagnosis.md")
     quoted = {"pendulum": ("691 of 980", "1,000 of 1,000"), "turtlebot": ("993 of 1,000",),
-              "diagnosis": ("0.0099 ± 0.0006 N m s/rad", "0.0051 ± 0.0003 N m s²/rad²")}  # fmt: skip
+              "diagnosis": ("0.0099 ± 0.0006 N m s/rad", "0.0050 ± 0.0003 N m s²/rad²")}  # fmt: skip
     for name, figures in quoted.items():
         for figure in figures:
             assert figure in page("README.md"), figure
