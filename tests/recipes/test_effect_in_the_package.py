@@ -189,7 +189,7 @@ def test_a_force_with_memory(added):
     rates = fit.dynamics.derivative(np.array([0.0, 0.49, 0.5]), np.zeros(1), theta, np.array([1.0]))
     assert rates == pytest.approx([0.49, -3.0 * 0.2 * 0.25, 2.45], rel=1e-12)
     t, one_way = np.arange(0.0, 1.0, 0.01), np.full((100, 1), 0.3)  # bent all the way after three ways
-    z = memories(fit, theta, t, one_way, np.array([0]))
+    z = memories(fit.past, theta, t, one_way, np.array([0]))
     assert z[:, 0] == pytest.approx(1.0 - np.exp(-0.3 * t / 0.1), abs=1e-9)
     # in models and in words
     inserted = effect.insert(pendulum(), "hinge", {"F_c": 0.2, "d": 0.1})

@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -27,9 +27,6 @@ from simgap.late import njit
 from simgap.late import sympy as sp
 from simgap.model.symbolic import Coordinate, SymbolicModel
 from simgap.signals import savgol_filter
-
-if TYPE_CHECKING:
-    from simgap.diagnosis.simulation.supermodel import SuperModel
 
 _SPAN_S, _ORDER = 0.15, 4
 """Length and order of the local polynomial. Of an arm that turns round often under Dahl friction (200 Hz, 1e-3 rad) the
@@ -77,10 +74,13 @@ def measured_link(
     return place, speed
 
 
-def memories(model: SuperModel, theta: Floats, t: Floats, speeds: Floats, firsts: Ints) -> Floats:
-    """The effects' own states at every stamp: theta (q,), (n, h) -> (n, h), exact for speeds held between stamps."""
+def memories(past: Any, theta: Floats, t: Floats, speeds: Floats, firsts: Ints) -> Floats:
+    """The effects' own states at every stamp: theta (q,), (n, h) -> (n, h), exact for speeds held between stamps.
+
+    past: their rates, as in `SuperModel`.
+    """
     none, one = np.zeros_like(speeds.T), np.ones_like(speeds.T)
-    free, loaded = (model.past(z, speeds.T, theta) for z in (none, one))
+    free, loaded = (past(z, speeds.T, theta) for z in (none, one))
     out = np.empty_like(speeds)
     for j in range(speeds.shape[1]):
         drive = np.broadcast_to(free[j], t.shape).astype(np.float64)

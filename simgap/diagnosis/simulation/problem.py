@@ -228,7 +228,7 @@ class Problem:
     def _memories(self, theta: Floats) -> Floats:
         """The effects' own states at every stamp, (n, h); kept for the last few of their numbers."""
         key = theta[list(self.model.past_slots)].tobytes()
-        make = partial(memories, self.model, theta, self.t, self._speeds(), self.firsts)
+        make = partial(memories, self.model.past, theta, self.t, self._speeds(), self.firsts)
         return self.memo.kept("memories", key, make)
 
     def _twists(self, k: int, theta: Floats) -> Floats:

@@ -17,11 +17,10 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import float64, int64, void
+from numba import float64, int64, njit, void
 
 from simgap.arrays import Floats, Ints
 from simgap.diagnosis.simulation.dynamics import INDICES, MATRIX, SLOPE, STEP, VECTOR, function_at
-from simgap.late import njit
 
 EPS = 1e-12  # s: two instants closer than this are one
 _REVERSALS = 8  # between two switches of the input; what turns round more often stays at rest for a step
@@ -215,56 +214,6 @@ def _next_switch(time: float, k: int, t: Floats, held: Ints, delay: Floats) -> f
     return end if end - time >= EPS else t[k]
 
 
-@inner
-def _through(
-    plant: Any, grip: Any, drive: Any, work: Any, x: Floats, u: Floats, time: float, end: float, span: float,
-    steady: bool, rubs: bool, new: Floats,
-) -> None:  # fmt: skip
-    """From an instant to the next switch of the inputs (s) by steps of at most `span`, x (nx,) in place.
-
-    u: (m,) inputs, which stand still if they are `steady`; rubs: whether anything has dry friction.
-    """
-    (theta, speed, _, free), (s, stuck, active), turned = plant, grip, 0
-    while end - time > EPS:
-        rests = sticks = False
-        for j in range(speed.size if rubs else 0):
-            if active[j] and (stuck[j] or abs(x[speed[j]]) <= CREEP):
-                rests = True
-            else:
-                s[j] = 0.0 if not active[j] else 1.0 if x[speed[j]] > 0.0 else -1.0
-        if rests:
-            if not steady:
-                input_at(time, drive, u)
-            if hold_or_start(plant, grip, work, x, u) and steady:
-                return
-            for j in range(speed.size):
-                sticks = sticks or stuck[j]
-        count = max(math.ceil((end - time) / span - 1e-9), 1)
-        h = (end - time) / count
-        if steady and not sticks:
-            at_once = 1 if rubs else count
-            for i in range(x.size):
-                new[i] = x[i]
-            free(new, u, u, u, theta, s, h, at_once, work[3])
-            h *= at_once
-        else:
-            stepped(plant, grip, drive, work, x, time, h, new)
-        if sticks and turned <= _REVERSALS:
-            h = stop_at_release(plant, grip, drive, work, x, time, h, new)
-        j = reversed_speed(speed, grip, x, new) if rubs else -1
-        if j >= 0 and (turned > _REVERSALS or abs(x[speed[j]]) <= CREEP):  # it cannot leave rest
-            stuck[j] = True
-            x[speed[j]] = 0.0
-            stepped(plant, grip, drive, work, x, time, h, new)
-        elif j >= 0:
-            h = stop_at_reversal(plant, grip, drive, work, x, time, h, new, speed[j])
-            stuck[j] = True
-            turned += 1
-        for i in range(x.size):
-            x[i] = new[i]
-        time += max(h, EPS)
-
-
 @njit(
     void(
         int64, int64, VECTOR, MATRIX, MATRIX, VECTOR, VECTOR, VECTOR, MATRIX, INDICES, INDICES, INDICES, INDICES,
@@ -294,12 +243,11 @@ def simulate(
         out: (sum of lengths, nx), filled with the states at the samples.
     """
     nx, m = x0.shape[1], level.shape[1]
-    x, u, held = np.empty(nx), np.empty(m), np.zeros(m, dtype=np.int64)
-    plant = (theta, speed, function_at(SLOPE, slope_at), function_at(STEP, free_at))
-    grip = (np.zeros(speed.size), np.zeros(speed.size, np.bool_), np.zeros(speed.size, np.bool_))
-    drive = (t, held, level, excess, delay, lag)
-    work = (np.empty(m), np.empty(m), np.empty(m), np.empty(2 * nx), np.empty(nx))
-    new = np.empty(nx)
+    x, new, u, held = np.empty(nx), np.empty(nx), np.empty(m), np.zeros(m, dtype=np.int64)
+    free, at = function_at(STEP, free_at), np.empty(2 * nx)
+    s, stuck, active = np.zeros(speed.size), np.zeros(speed.size, np.bool_), np.zeros(speed.size, np.bool_)
+    plant, grip = (theta, speed, function_at(SLOPE, slope_at), free), (s, stuck, active)
+    drive, work = (t, held, level, excess, delay, lag), (np.empty(m), np.empty(m), np.empty(m), at, np.empty(nx))
     for w in range(start.size):
         time = t[start[w]]
         _followed(time, start[w], first[w], t, held, delay)
@@ -309,12 +257,49 @@ def simulate(
         rubs = find_rubbing(plant, grip, work, x, u)
         for k in range(start[w] + 1, stop[w]):
             while t[k] - time > EPS:
-                end, span, steady = _next_switch(time, k, t, held, delay), h_max, True
+                end, span, steady, turned = _next_switch(time, k, t, held, delay), h_max, True, 0
                 for c in range(m):
                     u[c] = level[held[c], c]
                     if lag[c] > 0.0 and excess[held[c], c] != 0.0:  # it fades: shorter steps
                         steady, span = False, min(span, max(0.5 * lag[c], 0.1 * h_max))
-                _through(plant, grip, drive, work, x, u, time, end, span, steady, rubs, new)
+                while end - time > EPS:
+                    rests = sticks = False
+                    for j in range(speed.size if rubs else 0):
+                        if active[j] and (stuck[j] or abs(x[speed[j]]) <= CREEP):
+                            rests = True
+                        else:
+                            s[j] = 0.0 if not active[j] else 1.0 if x[speed[j]] > 0.0 else -1.0
+                    if rests:
+                        if not steady:
+                            input_at(time, drive, u)
+                        if hold_or_start(plant, grip, work, x, u) and steady:
+                            break
+                        for j in range(speed.size):
+                            sticks = sticks or stuck[j]
+                    count = max(math.ceil((end - time) / span - 1e-9), 1)
+                    h = (end - time) / count
+                    if steady and not sticks:
+                        at_once = 1 if rubs else count
+                        for i in range(nx):
+                            new[i] = x[i]
+                        free(new, u, u, u, theta, s, h, at_once, at)
+                        h *= at_once
+                    else:
+                        stepped(plant, grip, drive, work, x, time, h, new)
+                    if sticks and turned <= _REVERSALS:
+                        h = stop_at_release(plant, grip, drive, work, x, time, h, new)
+                    j = reversed_speed(speed, grip, x, new) if rubs else -1
+                    if j >= 0 and (turned > _REVERSALS or abs(x[speed[j]]) <= CREEP):  # it cannot leave rest
+                        stuck[j] = True
+                        x[speed[j]] = 0.0
+                        stepped(plant, grip, drive, work, x, time, h, new)
+                    elif j >= 0:
+                        h = stop_at_reversal(plant, grip, drive, work, x, time, h, new, speed[j])
+                        stuck[j] = True
+                        turned += 1
+                    for i in range(nx):
+                        x[i] = new[i]
+                    time += max(h, EPS)
                 time = end
             time = t[k]
             for i in range(nx):
