@@ -227,9 +227,8 @@ class PointSearch:
         """States, inputs and shares of so many climbers: the first of these, and random ones where there are fewer."""
         more_x, more_m = self._random(max(0, count - len(x)))
         more = self.evaluate(more_x, more_m, "climbing")
-        pairs = (x[:count], more_x), (m[:count], more_m), (shares[:count], more)
-        x, m, shares = (np.concatenate(pair) for pair in pairs)
-        return x, m, shares
+        places = np.concatenate([x[:count], more_x]), np.concatenate([m[:count], more_m])
+        return *places, np.concatenate([shares[:count], more])
 
     def _proposals(self, x: Floats, m: Ints, size: Floats) -> tuple[Floats, Ints]:
         """Moves both ways along each axis, one at random, to neighbouring inputs, to any input: (P, K, nx), (P, K)."""
