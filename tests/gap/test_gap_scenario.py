@@ -105,14 +105,18 @@ def test_products_against_stored_rows():
         np.testing.assert_allclose(design.slope(q, j).whole().ravel(), expected, atol=1e-15)
 
 
-def test_a_program_that_the_solver_gives_up_is_told_with_its_key(monkeypatch):
-    """Monomials of degree 6 over a gap that they fit to rounding are one; it was a traceback of the solver."""
+def test_a_program_that_one_solver_gives_up_is_the_others_and_then_told_with_its_key(monkeypatch):
+    """Monomials of degree 6 over a gap that they fit to rounding are one; and a Furuta pendulum of some grams."""
     import clarabel
+    import scipy
 
-    stopped = SimpleNamespace(status=clarabel.SolverStatus.InsufficientProgress)
-    monkeypatch.setattr(clarabel, "DefaultSolver", lambda *program: SimpleNamespace(solve=lambda: stopped))
     design, d = make_design()
     target = np.abs(d[:, :, 1])
+    usual = solve_scenario(design, target)
+    stopped = SimpleNamespace(status=clarabel.SolverStatus.NumericalError)
+    monkeypatch.setattr(clarabel, "DefaultSolver", lambda *program: SimpleNamespace(solve=lambda: stopped))
+    assert solve_scenario(design, target).sup == pytest.approx(usual.sup, rel=1e-6)
+    monkeypatch.setattr(scipy.optimize, "linprog", lambda *program, **more: SimpleNamespace(status=4))
     with pytest.raises(UserError, match="too ill-conditioned") as refused:
         solve_scenario(design, target)
     assert refused.value.key == "gap.basis"

@@ -339,6 +339,9 @@ def _linear_program(goal: Floats, left: Floats, right: Floats) -> Floats:
                 f"no combination of the terms covers the samples ({solution.status})",
                 key="gap.basis", remedy="Add the constant 1 to the basis.",
             )  # fmt: skip
+    corner = scipy.optimize.linprog(goal, left, right, bounds=(None, None))  # simplex, where interior points give up
+    if corner.status == 0:
+        return np.asarray(corner.x)
     raise UserError(
         f"a program of {len(goal)} unknowns is too ill-conditioned to be solved",
         key="gap.basis", remedy="Use fewer terms, such as a lower degree.",
