@@ -365,7 +365,7 @@ def on_model(m: Material) -> str:
     bad, runs = tally["runs_that_violated_it"], tally["runs"]
     return (
         f"The gap-aware controller is made for the simulator{other} and promises nothing about the nominal model. "
-        f"There, {bad:,} of {runs:,} runs fail: gamma excludes a gap of zero in places."
+        f"There, {bad:,} of {runs:,} runs fail, as they may: in places gamma excludes a gap of zero, which the model has."
     )
 
 
@@ -397,7 +397,7 @@ def _sample(m: Material) -> str:
         return ""
     share = f"Of starts drawn like these at most {_at_most(drawn, min(bad, drawn))} fail, with 95 % confidence"
     full = section.count(Trials.FULL) - given if section is not None else 0
-    return share + (f"; a full run makes it {_at_most(full, 0)}." if full > drawn and not bad else ".")
+    return share + (f"; {full:,} starts, of a full run, would make it {_at_most(full, 0)}." if full > drawn and not bad else ".")
 
 
 def _at_most(n: int, bad: int) -> str:
@@ -425,7 +425,7 @@ def _baseline(m: Material) -> str:
     words = specification_of(m.context.case).words
     kept, runs = tally["runs_that_kept_the_specification"], tally["runs"]
     left, steps = tally.get("steps_that_left_the_certified_box"), tally["steps"]
-    outside = f", {left:,} of {steps:,} steps outside the predicted box" if left is not None else ""
+    outside = f", {left:,} of {steps:,} steps outside the certified box" if left is not None else ""
     return (
         "Fair baseline (nominal-only, but it checks the model's path between samples): "
         f"{kept:,} of {runs:,} runs {words.kept}{outside}."

@@ -101,7 +101,7 @@ def test_the_headline_says_what_its_number_of_runs_excludes():
 
     plain = content._sample(page(300, 0))
     assert "at most 1 % fail" in plain  # 1 - 0.05^(1/300) = 0.9936 %
-    assert plain.endswith("a full run makes it 0.3 %.")  # 0.2992 %
+    assert plain.endswith("starts, of a full run, would make it 0.3 %.")  # 0.2992 %
     assert content._sample(page(1000, 0)) == "Of starts drawn like these at most 0.3 % fail, with 95 % confidence."
     assert "full run" not in content._sample(page(20, 0, starts=20))  # a full run takes no more than the case says
     assert "at most 14 %" in content._sample(page(21, 0, first=1, starts=21))  # 13.91 %: a given start is not drawn

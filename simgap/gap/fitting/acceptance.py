@@ -109,7 +109,7 @@ class FreshCheck:
         if self.steps is not None:
             return Tier(
                 3,
-                f"Checked on {self.samples:,} fresh random sequences of {self.steps:,} steps together: "
+                f"Checked on {self.samples:,} fresh random sequences ({self.steps:,} steps in all): "
                 f"{self.violations} of them with a step outside; the probability that a sequence has one is at most "
                 f"{self.upper:.2g} with {percent} confidence (Clopper-Pearson; sequences are independent, their steps "
                 "are not).",
