@@ -223,8 +223,9 @@ def page(rows: list[dict[str, Any]]) -> str:
         "followed (--run), what the controller wins, how often it failed, the CPU time of the run and what "
         "`simgap check` had said of it.",
         "",
-        "Minutes are of the clock, on one of two cores, beside the load that stands there (processes that wait or "
-        "compute, mean of five minutes). A row keeps the numbers of the code that made it.",
+        "CPU seconds say what a file costs. Minutes are of the clock, on one of two cores that are shared with other "
+        "work: the load beside them is the mean of five minutes of processes that wait or compute. A row keeps the "
+        "numbers of the code that made it.",
         "",
         ". ".join(f"{name}: {n}" for name, n in counts(rows).items()) + ".",
         "",

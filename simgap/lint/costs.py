@@ -55,7 +55,7 @@ SAMPLE_BYTES = 60
 PACE = 5.1e-3
 """CPU seconds of `_compiled` on a machine on which the rates above hold. A pendulum and a joint of a UR5 took 1.81 and
 1.72 times of them on two busy cores where it took 9.0e-3. For runs of other robots, which set nothing, `check` said .7
-to 1.2 times of what they took, at loads from 7 to 20 (docs/evidence/public_models.md)."""
+to 1.4 times of what they took, at loads from 7 to 20 (docs/evidence/public_models.md)."""
 _TEXT = "\n".join(f"x{k} = (a[{k}] + b) * max(c, {k}) if d{k} else [y for y in e if y > {k}]" for k in range(300))
 
 
