@@ -397,7 +397,9 @@ def _sample(m: Material) -> str:
         return ""
     share = f"Of starts drawn like these at most {_at_most(drawn, min(bad, drawn))} fail, with 95 % confidence"
     full = section.count(Trials.FULL) - given if section is not None else 0
-    return share + (f"; {full:,} starts, of a full run, would make it {_at_most(full, 0)}." if full > drawn and not bad else ".")
+    return share + (
+        f"; {full:,} starts, of a full run, would make it {_at_most(full, 0)}." if full > drawn and not bad else "."
+    )
 
 
 def _at_most(n: int, bad: int) -> str:

@@ -27,7 +27,7 @@ int main(void) {
   double x[%(big)s_STATES], u[1]; long memory; int c;
   while (scanf("%%la %%la %%ld", &x[0], &x[1], &memory) == 3) {
     c = %(name)s_input(x, memory, u);
-    printf("%%d %%d %%ld\\n", c, c < 0 ? -1 : %(name)s_acting(memory, c), c < 0 ? -1 : %(name)s_next(memory, c));
+    printf("%%d %%d %%ld\\n", c, %(name)s_acting(memory, c), %(name)s_next(memory, c));
   }
   return 0;
 }
@@ -79,7 +79,7 @@ def test_python_and_c_choose_what_the_controller_chooses(tmp_path, kind):
     wanted = controller.lookup(x, memory)
     assert (wanted >= 0).sum() > 50
     simgap.export_controller(controller, tmp_path / "law.py")
-    ask = "import json, sys, law; print(json.dumps([[c, *(law.after(m, c) if c >= 0 else (-1, -1))]"
+    ask = "import json, sys, law; print(json.dumps([[c, *law.after(m, c)]"
     ask += " for p, m in json.load(sys.stdin) for c in [law.choose(p, m)]]))"
     rows = [[p, m] for p, m in zip(x.tolist(), memory.tolist(), strict=True)]
     done = subprocess.run(
@@ -88,7 +88,12 @@ def test_python_and_c_choose_what_the_controller_chooses(tmp_path, kind):
     )  # fmt: skip
     python = np.array(json.loads(done.stdout))
     assert python[:, 0].tolist() == wanted.tolist()
-    followed = [controller.solution.step(m, c) if c >= 0 else (-1, -1) for m, c in zip(memory, wanted, strict=True)]
+    classes = controller.memory // (len(controller.input_set) if controller.late else 1)
+
+    def stays(m):  # nothing is chosen: what was chosen before still acts where inputs act late
+        return (m // classes if controller.late else -1), m
+
+    followed = [controller.solution.step(m, c) if c >= 0 else stays(m) for m, c in zip(memory, wanted, strict=True)]
     assert python[:, 1:].tolist() == [[int(a), int(b)] for a, b in followed]
 
     if COMPILER is None:
