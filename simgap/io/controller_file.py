@@ -333,15 +333,16 @@ def _about(c: Controller) -> list[str]:
     made_for = c.metadata.get("case", "a case")
     state = f"x = ({', '.join(c.states)}), as measured, in the units of the case"
     promise = f"Controller of '{made_for}', by simgap, rule {c.rule}. {state}; u = ({', '.join(c.input_names)})."
-    lines = wrap(re.sub(r"[^ -~]", "?", promise).replace("*/", "* /").replace('"""', "'''"), 100)
-    lines += [
-        "At every sample: measure x, choose, apply u until the next one. Where nothing is chosen (-1) nothing is promised:",
-        "stop safely.",
-    ]
+    promise += (
+        " At every sample: measure x, choose, apply u until the next one. Where nothing is chosen (-1) nothing is "
+    )
+    promise += "promised: stop safely."
     if c.rule == "least_effort":
-        lines += [
-            "The smallest admissible input is taken: it may switch at every sample, and let the state drift to a border."
-        ]
+        promise += (
+            " The smallest admissible input is taken: it may switch at every sample, and the state may drift to a "
+        )
+        promise += "border of the domain."
+    lines = wrap(re.sub(r"[^ -~]", "?", promise).replace("*/", "* /").replace('"""', "'''"), 100)
     if c.late:
         lines += ["An input acts one sample after it is chosen: remember it, beginning with FIRST, and give it back."]
     elif c.memory > 1:

@@ -365,7 +365,7 @@ def on_model(m: Material) -> str:
     bad, runs = tally["runs_that_violated_it"], tally["runs"]
     return (
         f"The gap-aware controller is made for the simulator{other} and promises nothing about the nominal model. "
-        f"There, {bad:,} of {runs:,} runs fail, as they may: in places gamma excludes a gap of zero, which the model has."
+        f"There, {bad:,} of {runs:,} runs fail, as they may: gamma excludes a gap of zero in places."
     )
 
 
