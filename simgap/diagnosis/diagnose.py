@@ -9,11 +9,13 @@ from functools import partial
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.diagnosis import seek
 from simgap.diagnosis.change import Answer, sides_apart
 from simgap.diagnosis.choosing import chosen
 from simgap.diagnosis.conclude import conclude
 from simgap.diagnosis.record.faults.registry import mended
+from simgap.diagnosis.record.noise import resolution
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, Key, RecordingFault
 from simgap.diagnosis.search.columns import better_columns
@@ -153,9 +155,16 @@ def _sought(model: SymbolicModel, record: Record, settings: DiagnosisSettings, w
         parts, robust = parts.changed(lambda p: replace(p, heard=heard)), None
         not_tried = {**not_tried, **{(f.fault, f.channel): "the channel was left out" for f in filtered}}
         ends = seek.searched(parts.known, most, not_tried, watch, (ends[2].leaving(not_tried), math.inf))
+    parts, ends = seek.no_louder_than_misses(parts, ends, _least_noise(record, settings, parts), most, not_tried)
     louder = seek.under_its_noise(parts, ends, most, not_tried)
     parts, ends = louder or (parts, ends)
     return _Sought(record, said, faults, parts, ends, filtered, not_tried, louder is not None, robust)
+
+
+def _least_noise(record: Record, settings: DiagnosisSettings, parts: Parts) -> Floats:
+    """Standard deviation of each channel that is known, (k,), or that rounding makes."""
+    known = np.array([settings.noise.get(name, 0.0) for name in record.measured])
+    return np.maximum(known, resolution(record) / np.sqrt(12.0))
 
 
 def ready(
@@ -164,7 +173,7 @@ def ready(
     """The record without what a look at it shows to be no measurement, its folds, what is to be said, the faults."""
     record, seen = mended(record, model)
     parts, said = parts_of(model, record, settings)
-    columns = better_columns(coarse(parts.known))
+    columns = better_columns(coarse(parts.known), settings.within)
     if columns is None:
         return record, parts, said, seen
     record = columns.of_record(record)

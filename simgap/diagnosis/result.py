@@ -25,6 +25,7 @@ class DiagnosisSettings:
         noise: known noise of channels, state -> standard deviation; the others are estimated.
         effects: names of the effects that may be tried; all if empty.
         known: parameters of the plant that are not in doubt.
+        within: state -> range in which the plant works (`domain.X`): readings that lie there are in the declared unit.
         max_effects: largest number of effects in one explanation; most_off_floor: of one that leaves more than noise,
             unless each further one takes most of what was left away.
         held_out_traces: names of traces that confirm; if empty, `held_out_share` of the record does.
@@ -39,6 +40,7 @@ class DiagnosisSettings:
     noise: Mapping[str, float] = field(default_factory=dict)
     effects: tuple[str, ...] = ()
     known: tuple[str, ...] = ()
+    within: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     max_effects: int = 5
     most_off_floor: int = 3
     held_out_traces: tuple[str, ...] = ()

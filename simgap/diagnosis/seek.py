@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import replace
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -180,6 +181,30 @@ def _grown_from(search: Search, base: Fit, found: Explanation, most: int) -> Exp
         return preferred(search, grow(search, known, most), most)
 
     return looked_again(search.watch, look) or best_so_far(search, base, most)
+
+
+def no_louder_than_misses(
+    parts: Parts, ends: Searched, least: Floats, most: int, not_tried: Collection[Key]
+) -> tuple[Parts, Searched]:
+    """The search again under the size of the misses, as long as these are less than noise: no noise is larger.
+
+    A step of an input that a plant follows at once, or an odd reading, is taken for noise where it is estimated from
+    neighbouring readings. `least` (k,): standard deviations that are known, or that rounding makes.
+    """
+    for _ in range(_HALVINGS):
+        search, _, found = ends
+        problem = search.problem
+        if search.watch.stopped or chi2_dof(problem, found.fit) * FIT_QUALITY >= 1.0:
+            break
+        free = problem.size / max(problem.size - problem.taken - len(found.fit.slots), 1.0)
+        misses = problem.misses(found.fit.theta, found.fit.x0)
+        size = np.sqrt(np.mean(misses**2, axis=0) * free)
+        sigma = np.clip(parts.known.sigma * size, least, parts.known.sigma)
+        if np.all(sigma > parts.known.sigma / np.sqrt(FIT_QUALITY)):
+            break
+        parts = parts.changed(partial(replace, sigma=sigma))
+        ends = searched(parts.known, most, not_tried, search.watch)
+    return parts, ends
 
 
 def under_its_noise(

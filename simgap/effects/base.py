@@ -60,7 +60,8 @@ class _Number:
     symbol: str
 
     def __format__(self, kind: str) -> str:
-        unit = "ms" if self.quoted.parameters[self.symbol]["unit"] == "s" and not kind else kind
+        brief = self.quoted.parameters[self.symbol]["unit"] == "s" and abs(self.quoted.value(self.symbol)) < 10.0
+        unit = "ms" if brief and not kind else kind
         if unit == "off":
             return self.quoted.deviation(self.symbol)
         scale = {"": 1.0, "ms": 1e3, "%": 100.0, "deg": 180.0 / math.pi}[unit]

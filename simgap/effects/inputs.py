@@ -136,8 +136,13 @@ class InputSaturation(StaticInputEffect):
 
     def doubt(self, values: Mapping[str, float], visited: Floats) -> str:
         """Commands of several sizes beyond a limit are felt alike; those of one size are felt less, as by any curve."""
-        beyond = np.abs(visited)[np.abs(visited) > values["limit"]]
-        if not beyond.size or np.ptp(beyond) > FLAT * (beyond.max() - values["limit"]):
+        size = np.abs(visited)
+        beyond = size[size > values["limit"]]
+        if not beyond.size:
+            return ""
+        if beyond.size == size.size:
+            return "all commands lie beyond the limit: an input that has no effect would look like it"
+        if np.ptp(beyond) > FLAT * (beyond.max() - values["limit"]):
             return ""
         return "all commands beyond the limit are of one size: a smaller gain there would look like it"
 

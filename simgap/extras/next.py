@@ -247,7 +247,7 @@ def _question(
     reading = load_reading(model, section, paths, context.folder, str(context.path), strict=False)
     record, names = under_conditions(reading, model, section.conditions)
     conditions = tuple(dict.fromkeys(tuple(t.u[0, len(model.inputs) :].tolist()) for t in record.traces))
-    settings = settings_of(section, reading)
+    settings = settings_of(context.case, section, reading)
     record = ready(conditioned(model, names), record, replace(settings, effects=library_names(sets)))[0]
     allowed, middle, reach = _limits(context, record)
     return Question(

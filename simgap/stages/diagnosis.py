@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.config.case import Case
 from simgap.config.measured import MeasuredSection, matching_files, named_recordings
 from simgap.config.named_files import plugin_copies
 from simgap.correction.corrected_case import acted_out, corrected_case, measured_out
@@ -132,7 +133,8 @@ def run(
             log.warning("%s", warning)
         record, names = under_conditions(reading, model, section.conditions)
         tell("searching for what the model lacks")
-        found, mended = diagnose_mended(conditioned(model, names), record, settings_of(section, reading), tell)
+        settings = settings_of(context.case, section, reading)
+        found, mended = diagnose_mended(conditioned(model, names), record, settings, tell)
         reading = replace(reading, record=mended)
         if (beyond_domain := outside(context, mended)) is not None:
             log.warning("%s", beyond_domain)
@@ -192,7 +194,7 @@ def _paths(context: Context, section: MeasuredSection, data: Sequence[Path]) -> 
     return named_recordings(context.path, section.files)
 
 
-def settings_of(section: MeasuredSection, reading: Reading) -> DiagnosisSettings:
+def settings_of(case: Case, section: MeasuredSection, reading: Reading) -> DiagnosisSettings:
     """Settings that the case asks of a diagnosis of these recordings."""
     return DiagnosisSettings(
         window_s=section.window_s,
@@ -200,6 +202,7 @@ def settings_of(section: MeasuredSection, reading: Reading) -> DiagnosisSettings
         noise=dict(section.noise),
         effects=section.effects,
         known=section.known,
+        within=case.domain.X if case.domain is not None else {},
         max_effects=section.max_effects or DiagnosisSettings.max_effects,
         most_off_floor=section.max_effects or DiagnosisSettings.most_off_floor,
         held_out_traces=reading.held_out,
@@ -253,7 +256,7 @@ def diagnose_arm_recordings(
     with context.blame():
         inputs = [_drive(context, joint) for joint in tree.joints]
         ends = [model.coordinate(joint) for joint in tree.joints]
-        settings, known = settings_of(section, reading), _known(context, tree, inputs)
+        settings, known = settings_of(context.case, section, reading), _known(context, tree, inputs)
         search = partial(diagnose_arm, tree, record, ends, inputs, settings, _payloads(section, reading), known)
         found = answered(section.budget_s, search, tell)
     for warning in (*reading.warnings, *look.warnings, *found.warnings):

@@ -29,7 +29,7 @@ def test_a_unit_is_not_saved_by_a_reversed_gain_far_from_one(monkeypatch):
     reversed_ = options["wrong_sign", "w", ""]
     assert columns._missed_beside_effects(unit.applied(part), np.inf) > 100.0
     assert columns._missed_beside_effects(reversed_.applied(part), np.inf) == pytest.approx(1.0, abs=0.2)
-    assert columns.better_columns(whole) is None  # the sign is left to the gain that the search finds
+    assert columns.better_columns(whole, {}) is None  # the sign is left to the gain that the search finds
 
 
 @pytest.mark.parametrize(
@@ -53,5 +53,5 @@ def test_a_unit_that_leaves_nothing_of_the_plant_is_none(inertia, factor, found)
     record = Record(tuple(runs), ("angle", "rate"), ("torque",))
     settings = DiagnosisSettings(window_s=0.5, horizon_s=0.2)
     parts, _ = parts_of(point_pendulum(0.05, 0.15, inertia), record, settings)
-    better = columns.better_columns(coarse(parts.known))
+    better = columns.better_columns(coarse(parts.known), {})
     assert (better and better.finding.fault) == found

@@ -62,3 +62,7 @@ def test_a_finer_effect_of_a_loose_number_goes_only_where_the_coarser_one_is_as_
     monkeypatch.setattr(judge, "_loose", lambda search, e, at_floor: [c for c in e.members if c is fine])
     kept = judge.real(SimpleNamespace(coarser=lambda e, c: coarse), found, False)
     assert [c.effect.name for c in kept.members] == [left]
+
+
+def test_a_limit_that_no_command_keeps_is_an_input_without_effect():
+    assert "no effect" in InputSaturation().doubt({"limit": 1.0}, np.array([3.0, 5.0, 10.0]))

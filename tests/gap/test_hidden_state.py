@@ -236,7 +236,7 @@ def test_sequences_are_counted_not_their_steps():
     check = check_sequences(excess, np.full(20, -1.0), np.arange(0, 20, 5), STATES)
     assert (check.samples, check.violations, check.steps) == (4, 1, 20)
     assert check.upper == pytest.approx(0.7514, abs=1e-3)  # 1 of 4 at 95 %: the p with (1-p)^4 + 4 p (1-p)^3 = 0.05
-    assert "4 fresh random sequences of 20 steps" in check.tier.text
+    assert "4 fresh random sequences (20 steps in all)" in check.tier.text
     path = check_sequences(np.full((20, 3), -1.0), excess[:, 2], np.arange(0, 20, 5), STATES)
     assert path.violations == 1
     assert path.worst["path"] == 0.5

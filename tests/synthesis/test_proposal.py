@@ -147,6 +147,16 @@ def test_a_posture_is_solved_for_what_is_not_named():
         posture_of(levitation, {"z": 0.006, "i": 0.9})
 
 
+def test_an_input_that_acts_by_its_square_holds_a_posture():
+    """Where it is 0 it moves nothing to first order: no step led away from there."""
+    v, i, z = (symbol(n) for n in ("v", "i", "z"))
+    magnet = SymbolicModel(
+        (Variable("z", "m"), Variable("v", "m/s")), (Variable("i", "A"),), {},
+        (v, 9.81 - 2.4e-5 / 0.05 * i**2 / z**2), (Coordinate("ball", "z", "v"),),
+    )  # fmt: skip
+    assert abs(posture_of(magnet, {"z": 0.006}).u[0]) == pytest.approx(0.006 * np.sqrt(0.05 * 9.81 / 2.4e-5))
+
+
 def test_a_pole_whose_mass_is_not_quite_above_its_hinge_rests_beside_the_place_that_is_named():
     """A centre of mass 1 mm off its axis: at q = 0 it falls. It moves by .02 rad at most."""
     q, v, u = (symbol(n) for n in ("q", "v", "u"))

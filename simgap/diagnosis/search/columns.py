@@ -60,6 +60,16 @@ class Columns:
         sigma = problem.sigma[read] * np.abs(self.y)
         return replace(problem, y=y, u=u, sigma=sigma, used=used, weight=weight, memo=Memo())
 
+    def leads_out(self, problem: Problem, within: Mapping[str, tuple[float, float]]) -> bool:
+        """Whether its factors move a channel whose readings lie within its range out of it."""
+        for j, name in enumerate(problem.model.measured):
+            low, high = within.get(name, (-np.inf, np.inf))
+            ends = np.array([np.nanmin(problem.y[:, j]), np.nanmax(problem.y[:, j])])
+            inside, moved = (bool(np.all((low <= e) & (e <= high))) for e in (ends, np.sort(self.y[j] * ends)))
+            if inside and not moved:
+                return True
+        return False
+
     def beside(self, others: Sequence[Columns]) -> Columns:
         """The same, saying what else would explain the data: of a linear plant inputs and readings scale alike."""
         words = [o.words for o in others if o.words]
@@ -77,20 +87,22 @@ class Columns:
         return replace(record, traces=tuple(traces))
 
 
-def better_columns(problem: Problem) -> Columns | None:
+def better_columns(problem: Problem, within: Mapping[str, tuple[float, float]]) -> Columns | None:
     """The possibility under which the declared model misses least, if it is better by far than the columns as they are.
 
     Nor may friction, biases and gains do as well with the columns as they are: a reversed reading keeps an unstable
     plant in its place, as a better gain does. A large missing effect hides a wrong unit from the declared model: where
     no possibility is better by far, each is tried once more with these free, those out of sight aside. Small inputs and
     large readings take the plant out of sight: such a factor must also do better than one that leaves nothing of it.
+    Readings `within` the range where the plant works, state -> (least, largest), are not led out of it.
     """
     part, _ = problem.some()
     bar = _missed(part, np.inf)
     if bar < OUT_OF_SIGHT:
         return None
     far = OUT_OF_SIGHT * bar
-    tried = [(option, _missed(option.applied(part), far)) for option in _options(problem)]
+    options = [option for option in _options(problem) if not option.leads_out(problem, within)]
+    tried = [(option, _missed(option.applied(part), far)) for option in options]
     bar = _missed_beside_effects(part, np.inf, PLAUSIBLE_RATIO)  # as they are: with what the search may find
     best, near = _best(part, tried, bar), [option for option, left in tried if left <= far]
     if best is not None or not near or bar < OUT_OF_SIGHT:

@@ -133,11 +133,13 @@ def _resting(model: SymbolicModel, linear: Linear, start: Floats, moved: Bools) 
 def _rest(linear: Linear, x: Floats, inputs: int, moved: Bools) -> tuple[Floats, Floats]:
     """Newton's steps from x and no input towards rates of 0, the shortest ones in inputs and the states `moved`.
 
+    An input that moves nothing to first order where it is 0, as one that acts by its square, begins at 1.
+
     Raises:
         UserError: they lead to where the model is no finite number.
     """
-    u = np.zeros(inputs)
-    for _ in range(_NEWTON if moved.any() else 1):
+    u = np.where(linear(x, np.zeros(inputs))[1].any(axis=0), 0.0, 1.0)
+    for _ in range(_NEWTON):
         a, b, rates = linear(x, u)
         step = -np.linalg.lstsq(np.hstack([a * moved, b]), rates, rcond=None)[0]
         x, u = x + step[: len(x)], u + step[len(x) :]
