@@ -1,6 +1,7 @@
 """Faults of a recording are told apart from what the plant lacks, on plants that share no code with the fit."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from simgap.diagnosis.record.faults.hum import Hum
 from simgap.diagnosis.record.faults.registry import READINGS, mended
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
-from simgap.diagnosis.search.columns import better_columns
+from simgap.diagnosis.search.columns import Columns, better_columns
 from simgap.diagnosis.search.noise_colour import _law
 from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.colour import Colour, whiten
@@ -259,3 +260,14 @@ def test_a_reading_that_is_logged_later_than_the_others_is_told_with_its_size():
         (effect,) = d.effects
         assert (effect.name, effect.on) == ("viscous_friction", "cart")
         assert effect.parameters["b"].value == pytest.approx(rubs, rel=0.02)
+
+
+def test_a_unit_that_leads_readings_out_of_where_the_plant_works_is_not_tried():
+    """A ball at 2 to 20 mm was "in kilometres", as the equations have a pole beside where it floats."""
+    problem = SimpleNamespace(y=np.array([[0.002], [0.02]]), model=SimpleNamespace(measured=("y",)))
+    far = Columns(None, np.array([1e3]), np.ones(0), (0,), ())
+    near = Columns(None, np.array([-1.0]), np.ones(0), (0,), ())
+    assert far.leads_out(problem, {"y": (0.001, 0.02)})
+    assert not far.leads_out(problem, {})
+    assert not far.leads_out(problem, {"y": (0.005, 0.02)})  # it lies outside as it is
+    assert not near.leads_out(problem, {"y": (-0.02, 0.02)})
