@@ -369,7 +369,7 @@ class Opponent:
     """A plant to attack the controller on.
 
     Attributes:
-        plants: it. judge: of its runs. held: whether its steps are held against gamma; the disturbance is gamma itself.
+        plants: it. judge: of its runs. held: whether gamma is to hold its steps; the disturbance is gamma itself.
         together: most runs side by side. holds: whether a run that has reached its target must stay there.
     """
 

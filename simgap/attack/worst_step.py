@@ -53,7 +53,7 @@ def share(least: Floats, largest: Floats, lo: Floats, hi: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class GapStep:
-    """One step that the gap's bound was held against.
+    """One step that the gap's bound was checked against.
 
     Attributes:
         share: see `share`; x, u: (nx,), (nu,); d, lo, hi: (nx,) gap and bound, of a robot in its own frame.
@@ -75,7 +75,7 @@ class SearchRecord:
     """Record of a search over the gap.
 
     Attributes:
-        evaluations: steps of the simulator that were held against the bound; violations: those outside.
+        evaluations: steps of the simulator that were checked against the bound; violations: those outside.
         worst: the worst step; outside: the first few that lie outside, in the order in which they were found.
         by: evaluations of each kind of search.
     """

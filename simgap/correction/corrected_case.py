@@ -45,7 +45,7 @@ from simgap.synthesis.input_sets import LARGEST_TABLES, packed_width
 
 log = logging.getLogger("simgap")
 Effects = tuple[AppliedEffect, ...]
-_MOST_FOLLOWED = 24  # windows over which a simulator is held against the recordings
+_MOST_FOLLOWED = 24  # windows over which a simulator is compared with the recordings
 _SHARES = -np.log(1.0 - (np.arange(16) + 0.5) / 16)
 """Delays of equal shares of what a lag of 1 s passes on, s."""
 _FORGOTTEN = 4.0

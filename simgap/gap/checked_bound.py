@@ -98,7 +98,7 @@ class Bound:
 
 
 def gap(context: Context, made: Made) -> Bound:
-    """The bound of all dimensions, held against the fresh samples.
+    """The bound of all dimensions, checked against the fresh samples.
 
     Raises:
         UserError: results of another case.
@@ -211,7 +211,7 @@ def reached_stops(context: Context, states: Sequence[str]) -> list[str]:
 
 
 def border_check(context: Context, name: str, rolled: Columns, function: GapFunction) -> BorderCheck:
-    """The bound held against the samples of the check, which no fit has seen.
+    """The bound checked against the samples of the check, which no fit has seen.
 
     Raises:
         UserError: a table of another case, or of another grid.

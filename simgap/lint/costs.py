@@ -63,7 +63,7 @@ _TEXT = "\n".join(f"x{k} = (a[{k}] + b) * max(c, {k}) if d{k} else [y for y in e
 class StageCost:
     """One stage: how many of what, CPU seconds, bytes, and the key that makes it cheaper.
 
-    `at_most` marks what usually ends earlier, and is not held against a budget.
+    `at_most` marks what usually ends earlier, and is not checked against a budget.
     """
 
     stage: str

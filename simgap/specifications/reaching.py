@@ -366,7 +366,8 @@ class Reaching(Specification):
         """'reach ... and avoid ...'."""
         target = ", ".join(space.interval(name, ends) for name, ends in self.target.items())
         count = len(self.obstacles)
-        text = f"reach {target}{self.then} and avoid {count} obstacle{'' if count == 1 else 's'}"
+        avoiding = f" and avoid {count} obstacle{'' if count == 1 else 's'}" if count else ""
+        text = f"reach {target}{self.then}{avoiding}"
         if self.clearance:
             distances = [f"{space.quantity(name, value)} in {name}" for name, value in self.clearance.items()]
             text += ", clear of them and of the walls by " + ", ".join(distances)

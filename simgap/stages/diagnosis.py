@@ -245,7 +245,7 @@ def diagnose_arm_recordings(
     out_dir: Path, tell: Callable[[str], None],
 ) -> dict[str, Any]:  # fmt: skip
     """Diagnose recordings of an arm, as they were read, and write `diagnosis.json`, `report.html`,
-    `corrected_case.yaml`, `residual.rrd`, pictures, `transitions.parquet` (no rows: no bound could be held against
+    `corrected_case.yaml`, `residual.rrd`, pictures, `transitions.parquet` (no rows: no bound could be compared with
     them), and `corrected.urdf` where inertial parameters were found.
 
     Raises:
@@ -273,7 +273,7 @@ def diagnose_arm_recordings(
         simulated=simulated,
     )  # fmt: skip
     nothing = [*context.states, *(f"{k}{n}" for k in ("", "late_") for n in context.inputs)]
-    none = {n: np.zeros(0) for n in (*nothing, *(f"next_{n}" for n in record.measured))}  # is held against gamma
+    none = {n: np.zeros(0) for n in (*nothing, *(f"next_{n}" for n in record.measured))}  # is compared with gamma
     write_answer(context, content, text, none, out_dir)
     tell(f"{content['verdict']}: {content['sentence']}")
     figures = draw_arm(content, found.predictions, inputs, out_dir)

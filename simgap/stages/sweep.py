@@ -32,7 +32,7 @@ SHOWN = ("promise_kept", "sup_gamma", "winning_fraction", "audit.violations", "s
 
 
 def checked_points(path: Path) -> tuple[Path, list[Point]]:
-    """The case that a sweep varies, and its points, each held against the budget before any of them runs.
+    """The case that a sweep varies, and its points, each checked against the budget before any of them runs.
 
     Raises:
         UserError: a sweep that is none, or a point that costs too much, with the values that make it.

@@ -1,4 +1,4 @@
-"""Stage `twin`: the simulator of a case held against the engine that it stands for, on every sample of the run."""
+"""Stage `twin`: the simulator of a case compared with the engine that it stands for, on every sample of the run."""
 
 from __future__ import annotations
 

@@ -97,7 +97,7 @@ def run(
 
 
 def tolerated_share(case: Case) -> float:
-    """The share of steps that may leave gamma: what the check of the bound on fresh samples was held against."""
+    """The share of steps that may leave gamma: what the check of the bound on fresh samples was checked against."""
     section = case.hidden_state if case.hidden_state is not None else case.gap
     return section.tolerated_probability if section is not None else 0.0
 

@@ -75,7 +75,9 @@ def test_trajectories_show_the_violation(made):
     runs = {kind: shown(traces, kind) for kind in (NOMINAL, GAP_AWARE)}
     safe = Box([0.0, -0.5], [0.2, 0.5])
     with style.figure_style():
-        figure = figures_runs.trajectories_figure(runs, traces, safe, ["x1", "x2"], UNITS)
+        figure = figures_runs.trajectories_figure(runs, traces, safe, ["x1", "x2"], ["u"], UNITS)
+        torque = figure.axes[-1].lines[0].get_ydata()
+        assert np.array_equal(torque[:-1], runs[GAP_AWARE].u[: len(torque) - 1, 0])
         first = figure.axes[0]
         crosses = [line for line in first.lines if line.get_marker() == "X"]
         assert len(crosses) == 1

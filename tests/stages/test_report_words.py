@@ -1,4 +1,4 @@
-"""What a page says of older inputs and of recordings that are too noisy to be held against gamma."""
+"""What a page says of older inputs and of recordings that are too noisy to be checked against gamma."""
 
 from __future__ import annotations
 

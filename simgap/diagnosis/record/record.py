@@ -22,7 +22,7 @@ class Trace:
         t: (n,) true time stamps in s, strictly increasing; they may jitter and start anywhere.
         y: (n, k) measured states, columns as in `Record.measured`.
         u: (n, m) recorded inputs, columns as in `Record.inputs`; each row holds from its stamp until the next.
-        used: (n, k) which readings are measurements; None: all. Others were bridged, and nothing is held against them.
+        used: (n, k) which readings are measurements; None: all. Others were bridged, and nothing is compared with them.
         told: (n,) whether what was commanded from the row on is known; None: always. No window holds others.
     """
 

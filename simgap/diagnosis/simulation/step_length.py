@@ -20,7 +20,7 @@ def resolved(problem: Problem, theta: Floats, x0: Floats) -> bool:
     """Whether the integration step that suits the model as declared does at theta (q,), x0 (w, nx) too.
 
     A step that is too long for a stiff effect gives it another motion, even none that ends. What half the step changes
-    is held against the misses.
+    is compared with the misses.
     """
     part, few = problem.some()
     coarse, fine = (replace(part, h_max=h).residuals(theta, x0[few]) for h in (problem.h_max, problem.h_max / 2))

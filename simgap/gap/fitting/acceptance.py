@@ -82,7 +82,7 @@ def clopper_pearson_upper(n: int, violations: int, confidence: float = 0.95) -> 
 
 @dataclass(frozen=True)
 class FreshCheck:
-    """A gap bound held against samples that no fit has seen.
+    """A gap bound checked against samples that no fit has seen.
 
     Attributes:
         samples, violations: independent trials, and those that violate in at least one dimension: rows, or whole
@@ -123,7 +123,7 @@ class FreshCheck:
 
 @dataclass(frozen=True)
 class BorderCheck:
-    """A bound held against samples on the border of X and on both sides of switching surfaces: directed, not random.
+    """A bound checked against samples on the border of X and on both sides of switching surfaces: directed, not random.
 
     Attributes:
         samples, violations: pairs of a state and an input, and those that violate in at least one dimension.

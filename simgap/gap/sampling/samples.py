@@ -128,7 +128,7 @@ class DimensionSamples:
 
     @cached_property
     def ranges(self) -> CellRanges | None:
-        """Enclosures of the gap on every cell, held against the samples; None for a black box.
+        """Enclosures of the gap on every cell, checked against the samples; None for a black box.
 
         Raises:
             UserError: a gap that cannot be enclosed.

@@ -20,14 +20,14 @@ UNSAFE, ON_MODEL = "#EFE3DC", "#6C727B"
 
 
 def trajectories_figure(
-    shown: Mapping[str, Trace], traces: Sequence[Trace], safe: Box, states: Sequence[str], units: Mapping[str, str],
-    stuck: float = 0.0,
+    shown: Mapping[str, Trace], traces: Sequence[Trace], safe: Box, states: Sequence[str], inputs: Sequence[str],
+    units: Mapping[str, str], stuck: float = 0.0,
 ) -> Any:  # fmt: skip
-    """States over time: nominal-only and gap-aware side by side at first, then the gap-aware run to its end.
+    """States and inputs over time: nominal-only and gap-aware side by side at first, then the latter to its end.
 
     Args:
         shown: run in the simulator by controller; traces: all, for the same start on the nominal model.
-        safe: what is outside is shaded; states and units: names.
+        safe: what is outside is shaded; states, inputs and units: names.
         stuck: a run of the simulator that is shorter, s, and does not violate ended without an admissible input.
     """
     from matplotlib.ticker import MaxNLocator
@@ -36,18 +36,24 @@ def trajectories_figure(
     columns = [(NOMINAL, window), (GAP_AWARE, window), (GAP_AWARE, shown[GAP_AWARE].duration)]
     if window >= 0.8 * shown[GAP_AWARE].duration:
         columns.pop()
-    figure, axes = style.panels(len(states), len(columns), 0.8 + 2.3 * len(states), sharex="col", sharey="row")
+    rows = [*states, *inputs]
+    height = 0.8 + 2.3 * len(states) + 1.4 * len(inputs)
+    ratios = [2.3] * len(states) + [1.4] * len(inputs)
+    figure, axes = style.panels(len(rows), len(columns), height, sharex="col", sharey="row", height_ratios=ratios)
     for k, (kind, until) in enumerate(columns):
         trace = shown[kind]
         for j in range(len(states)):
             _states(axes[j, k], trace, twin(traces, trace), safe, j, until)
             if trace.duration < stuck and not trace.violates:
                 _stopped(axes[j, k], trace, j, COLOURS[kind])
+        for j in range(len(inputs)):
+            now = trace.t <= until
+            axes[len(states) + j, k].step(trace.t[now], trace.u[now, j], where="post", color=COLOURS[kind], lw=1.2)
         title = TITLES[kind] if k < 2 else f"{TITLES[kind]}, whole run"
         axes[0, k].set_title(title, color=COLOURS[kind])
         axes[-1, k].set_xlabel("time (s)")
         axes[-1, k].xaxis.set_major_locator(MaxNLocator(3))
-    for j, name in enumerate(states):
+    for j, name in enumerate(rows):
         axes[j, 0].set_ylabel(axis_label(name, units))
     style.legend(figure)
     return figure

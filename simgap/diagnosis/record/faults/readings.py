@@ -1,6 +1,6 @@
 """Readings that are no measurement: lost rows, a sensor at its limit, one that overflows, spikes, stale ones.
 
-What is lost is bridged by straight lines and marked, and nothing is held against it; what a counter lost of its range
+What is lost is bridged by straight lines and marked, and nothing is compared with it; what a counter lost of its range
 is given back.
 """
 
