@@ -82,7 +82,7 @@ def test_the_proposed_recording_tells_what_the_first_could_not(tmp_path):
 
     alone = stage.run(case, tmp_path / "settled", tmp_path / "again", seconds=4.0)  # nothing to tell apart: its number
     assert alone["probability"] is None
-    assert "present interval" in alone["paragraph"]
+    assert "present width" in alone["paragraph"]
     for words, change in (
         ("no explanations", {"effects": [], "verdict": "none"}),
         ("three joints", {"joints": []}),
