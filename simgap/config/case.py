@@ -23,7 +23,7 @@ from simgap.config.simulator import EngineSection, TwinSection
 
 
 class BudgetSection(Section):
-    """Limits that a case is checked against before anything runs."""
+    """Limits that a case is held against before anything runs."""
 
     memory: Gibibytes | None = Field(None, gt=0)
     """Memory limit of one stage, in GiB or with a unit; half of the machine's if not given."""
