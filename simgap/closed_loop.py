@@ -72,7 +72,7 @@ def closed_loop(
     decided from a measurement acts one sample later; until the first one does, the controller's `first` acts. A run
     also ends after a step whose path touches what the monitor watches, where the plant records its path.
     """
-    lookup, inputs = scalar_lookup(policy), policy.input_set
+    lookup, inputs, progress = scalar_lookup(policy), policy.input_set, getattr(policy, "progress", None)
     exact = not np.any(sensing.error)
     plant.reset(start)
     x = np.array(start, dtype=np.float64)
@@ -85,11 +85,11 @@ def closed_loop(
     for _ in range(steps):
         if monitor.over(x, y):
             break
-        decided = lookup(y, pending)
+        cell, decided = lookup(y, pending)
         if decided < 0:
             stuck = True
             break
-        now, pending = (int(n) for n in after_choice(kind, bool(sensing.latency), pending, decided))
+        now, pending = map(int, after_choice(kind, bool(sensing.latency), pending, decided, progress, cell))
         x = plant.advance(inputs[now])
         y = x if exact else sensing.measure(x, rng)
         states.append(x)
@@ -107,17 +107,17 @@ def closed_loop(
     )
 
 
-def scalar_lookup(policy: Policy) -> Callable[[Floats, int], int]:
-    """The policy for one state at a time, (nx,) -> input number; a grid controller answers without array overhead."""
+def scalar_lookup(policy: Policy) -> Callable[[Floats, int], tuple[int, int]]:
+    """The policy for one state at a time, (nx,) -> cell, input number; a grid controller answers without arrays."""
     grid, choice = getattr(policy, "grid", None), getattr(policy, "choice", None)
     if grid is None or choice is None:
-        return lambda x, pending: int(policy.lookup(x[None], pending)[0])
+        return lambda x, pending: (-1, int(policy.lookup(x[None], pending)[0]))
     cell_of, memory = grid.finder(), int(getattr(policy, "memory", 1))
     picked = memoryview(choice)  # it answers faster than an array, one element at a time, and copies nothing
 
-    def find(x: Floats, pending: int) -> int:
+    def find(x: Floats, pending: int) -> tuple[int, int]:
         cell = cell_of(x)
-        return int(picked[cell * memory + pending]) if cell >= 0 else -1
+        return cell, int(picked[cell * memory + pending]) if cell >= 0 else -1
 
     return find
 
@@ -130,6 +130,7 @@ def batch_loop(
     Each run is the one of `closed_loop`. A map records no path between samples.
     """
     late, kind = bool(getattr(policy, "late", False)), getattr(policy, "kind", None)
+    progress = getattr(policy, "progress", None)
     record, alive = Record(starts, steps, int(getattr(policy, "first", 0))), np.arange(len(starts))
     for k in range(steps):
         alive = alive[~monitor.over_each(record.x[k, alive], record.x[k, alive])]
@@ -138,7 +139,8 @@ def batch_loop(
         alive, decided = alive[decided >= 0], decided[decided >= 0]
         if len(alive) == 0:
             break
-        now, after = after_choice(kind, late, record.memory[k, alive], decided)
+        cells = 0 if progress is None else policy.grid.index(record.x[k, alive])  # type: ignore[attr-defined]
+        now, after = after_choice(kind, late, record.memory[k, alive], decided, progress, cells)
         record.add(k, alive, step(record.x[k, alive], policy.input_set[now]), now, after)
     return record.runs()
 
@@ -273,10 +275,10 @@ class Judge:
 def strays(certificate: Solution, run: Run) -> int:
     """Steps of a run after which it is not where the certificate says.
 
-    Towards a target: the level at what is measured and pending falls with every step, and stays 0 once it is. To stay:
-    the state is in a winning cell, or in one from which the pending input may act. A controller of measured cells that
-    remembers the pending input has no such set of states: it is held by having an input at every sample, without which
-    a run is stuck.
+    Towards a target: the level at what is measured and pending falls with every step, and stays 0 once it is; of a
+    task, it falls until it is 0, again and again. To stay: the state is in a winning cell, or in one from which the
+    pending input may act. A controller of measured cells that remembers the pending input has no such set of states: it
+    is held by having an input at every sample, without which a run is stuck.
     """
     grid, value = certificate.grid, certificate.value
     if value is None:
@@ -290,7 +292,8 @@ def strays(certificate: Solution, run: Run) -> int:
         return int((~inside | (cells < 0))[1:].sum())
     levels = certificate.levels(run.measured, run.memory)
     before, after = levels[:-1], levels[1:]
-    kept = (after >= 0) & ((after < before) | ((before == 0) & (after == 0)))
+    arrived = (before == 0) & ((after == 0) | (certificate.progress is not None))
+    kept = (after >= 0) & ((after < before) | arrived)
     return int((~kept).sum())
 
 

@@ -61,6 +61,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "invariance": "simgap.specifications.invariance:Invariance",
         "reach_avoid": "simgap.specifications.reaching:ReachAvoid",
         "reach_and_stay": "simgap.specifications.reaching:ReachAndStay",
+        "task": "simgap.specifications.task:Task",
     },
 }
 DOORS: Mapping[str, str] = {

@@ -13,7 +13,8 @@ from simgap.geometry import Box, Grid
 from simgap.model.sampled import NominalModel
 from simgap.specifications.base import Run
 from simgap.specifications.invariance import Inside
-from simgap.specifications.reaching import Arriving, Surroundings
+from simgap.specifications.arena import Surroundings
+from simgap.specifications.reaching import Arriving
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 

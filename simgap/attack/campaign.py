@@ -69,7 +69,7 @@ class ControlLaw:
 
     def acting(self, memory: Ints, last: Ints) -> Ints:
         """The input that acts now whatever is chosen, where inputs are late; else the `last` one, (n,) each."""
-        return self.solution.step(memory, np.zeros_like(memory))[0] if self.solution.late else last
+        return self.solution.step(memory, np.zeros_like(memory), 0)[0] if self.solution.late else last
 
     def options(self, x: Floats, memory: Ints) -> Options:
         """At true states (n, nx) and memories (n,)."""
@@ -91,7 +91,8 @@ class ControlLaw:
         known = cells >= 0
         rows = np.where(known, cells * s.memory + memory, 0)
         admitted = unpack(s.admitted(len(self.inputs), rows), len(self.inputs)) & known[:, None]
-        return admitted, s.ended[np.where(known, cells, 0)] & known
+        over = np.zeros(len(y), np.bool_) if s.target is None else s.target[rows]
+        return admitted, over & known
 
 
 NOWHERE = 1e9  # outside the grid: nothing is nearer to losing
@@ -463,7 +464,8 @@ def play(
         acting = law.acting(memory[alive], last[alive])
         m = choose(rule, scene, space.wrapped(x[alive]), acting, last[alive], k, own, rng)
         record.measured[k, alive] = x[alive] + law.corners[options.corner[going][np.arange(len(m)), m]]
-        now, memory[alive] = law.solution.step(memory[alive], m)
+        cells = law.solution.grid.index(record.measured[k, alive])
+        now, memory[alive] = law.solution.step(memory[alive], m, cells)
         x[alive], near = plants.advance(x[alive], law.inputs[now], last[alive])
         last[alive] = now
         record.add(k, alive, x[alive], now, memory[alive], near)

@@ -30,7 +30,7 @@ from simgap.io.atomic import SEAL, seal_holds, sealed, write_text
 from simgap.io.pages import text
 from simgap.plants.context import Context
 from simgap.reading import TooLarge, require_room
-from simgap.specifications.solution import Solution
+from simgap.specifications.solution import Progress, Solution
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.input_sets import packed_width
 
@@ -63,7 +63,9 @@ def controller_from(about: Mapping[str, Any], arrays: Arrays) -> Controller:
     memory, first, late, statistics = (about[name] for name in ("memory", "first", "late", "statistics"))
     require(type(late) is bool, "it does not say whether its inputs act late")
     kind = _kind(about["kind"], len(input_set))
-    wanted = (len(input_set) if late else 1) * (1 if kind is None else int(kind.max()) + 1)
+    base = (len(input_set) if late else 1) * (1 if kind is None else int(kind.max()) + 1)
+    progress = _progress(arrays, grid.size, base)
+    wanted = base * (1 if progress is None else progress.after.shape[1])
     require(type(memory) is int and memory == wanted, f"memory {memory!r:.40} cannot be")
     require(type(first) is int and 0 <= first < memory, f"it cannot begin with memory {first!r:.40}")
     require(isinstance(statistics, dict) and isinstance(about["provenance"], dict), "its metadata is not a mapping")
@@ -82,6 +84,7 @@ def controller_from(about: Mapping[str, Any], arrays: Arrays) -> Controller:
         statistics=statistics,
         acting=arrays.get("acting"),
         chosen=chosen,
+        progress=progress,
     )
     _check_sets(solution)
     return Controller(input_set, states, inputs, solution, about["rule"], about["provenance"])
@@ -111,6 +114,16 @@ def _kind(given: Any, inputs: int) -> Ints | None:
     good = isinstance(given, list) and len(given) == inputs and all(type(c) is int and c >= 0 for c in given)
     require(good and {*given} == {*range(max(given) + 1)}, "its classes of previous inputs are not numbered")
     return np.array(given, dtype=np.int64)
+
+
+def _progress(arrays: Arrays, cells: int, base: int) -> Progress | None:
+    """What a task has come to after a sample in each cell."""
+    after = arrays.get("progress")
+    if after is None:
+        return None
+    good = after.dtype == np.int16 and after.ndim == 2 and len(after) == cells and after.shape[1] > 0
+    require(good and ((after >= 0) & (after < after.shape[1])).all(), "its task does not go on in every cell")
+    return Progress(after, base)
 
 
 def _names(about: Mapping[str, Any], key: str) -> tuple[str, ...]:
@@ -198,6 +211,8 @@ def save_controller(controller: Controller, path: Path | str) -> None:
         arrays |= {"value": s.value, "target": np.packbits(s.target)}
     if s.acting is not None:
         arrays["acting"] = s.acting
+    if s.progress is not None:
+        arrays["progress"] = s.progress.after
     try:
         require_room(sum(array.nbytes for array in arrays.values()))
     except TooLarge as error:
@@ -343,6 +358,8 @@ def _about(c: Controller) -> list[str]:
         )
         promise += "border of the domain."
     lines = wrap(re.sub(r"[^ -~]", "?", promise).replace("*/", "* /").replace('"""', "'''"), 100)
+    if c.progress is not None:
+        lines += ["What its task has come to is part of its state: remember it, beginning with FIRST."]
     if c.late:
         lines += ["An input acts one sample after it is chosen: remember it, beginning with FIRST, and give it back."]
     elif c.memory > 1:
@@ -362,10 +379,15 @@ def _table(values: np.ndarray) -> str:
 
 def _content(c: Controller, name: str) -> dict[str, Any]:
     """Values for both templates."""
+    task = c.progress
     kinds, box = np.zeros(len(c.input_set), dtype=np.int64) if c.kind is None else c.kind, c.grid.box
     return {
         "c": c, "name": name, "about": _about(c), "nx": box.size, "nu": c.input_set.shape[1], "m": len(c.input_set),
         "low": _numbers(box.lo), "high": _numbers(box.hi), "width": _numbers(2.0 * c.grid.h),
         "wraps": [j in c.grid.periodic for j in range(box.size)], "inputs": [_numbers(row) for row in c.input_set],
+        "progress": "" if task is None else _table(task.after.reshape(-1)),
+        "states": 1 if task is None else task.after.shape[1], "base": c.memory if task is None else task.base,
+        "own": "memory" if task is None else f"(memory % {task.base})",
+        "kept": "" if task is None else f"memory - memory % {task.base} + ",
         "kinds": kinds.tolist(), "classes": int(kinds.max()) + 1, "table": _table(c.choice),
     }  # fmt: skip

@@ -205,11 +205,16 @@ class Game(Protocol):
     def invariant(self, safe: Bools) -> Solution:
         """The largest set of safe cells that some input keeps for ever: the greatest fixed point; (cells,) bool."""
 
-    def reach(self, target: Bools, free: Bools) -> Solution:
-        """Cells that reach the target in bounded time through free cells: the least fixed point; both (cells,) bool.
+    def reach(self, target: Bools, free: Bools, through: Bools | None = None, steps: int | None = None) -> Solution:
+        """Cells that reach the target in bounded time through free cells: the least fixed point; all (cells,) bool.
 
-        The target may be nodes (cells * memory,) of an `invariant` of the same game, its `served`.
+        The target may be nodes (cells * memory,) of another solution of the same game. On the way a run is in cells
+        `through`, all free ones when None; target cells among them have inputs, too, that lead back into what is won.
+        With one of the `steps` these are all inputs into the target.
         """
+
+    def certain(self, cells: Bools) -> Bools:
+        """Cells (cells,) of which every measurement is in one of the given cells."""
 
 
 class Words(Section):

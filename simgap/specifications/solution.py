@@ -14,6 +14,23 @@ from simgap.geometry import Grid
 
 
 @dataclass(frozen=True, eq=False)
+class Progress:
+    """What a task has come to: the state of its automaton, which every measurement moves on.
+
+    Attributes:
+        after: (cells, Q) int16, the state after a sample in a cell, from the one before it. base: memories of the
+            plant's own game beside it; a memory is state * base + its own.
+    """
+
+    after: NDArray[np.int16]
+    base: int
+
+    def __call__(self, memory: Any, cells: Any) -> Any:
+        """States after samples in `cells`, numbers or (n,), from the memories before them."""
+        return self.after[cells, memory // self.base]
+
+
+@dataclass(frozen=True, eq=False)
 class Solution:
     """Winning domain and all admissible inputs.
 
@@ -32,6 +49,8 @@ class Solution:
             sample later. kind: (M,) class of each input, 0 to C - 1; None for one class.
         chosen: (cells * memory,) int16, -1 for none: the one input of each node, where one alone is recorded; `mask`
             has then no columns, and readers ask `admitted`.
+        progress: of a task, whose state is part of the memory; None for what needs none. Its `value` is a bound of the
+            steps until the next good move, and `target` are nodes at one.
         acting: (cells, ceil(M / 8)) uint8, inputs that may act from cells of the true state; None but for a controller
             that keeps such cells by late measurements, which does not know them itself.
     """
@@ -49,6 +68,7 @@ class Solution:
     kind: Ints | None = None
     acting: NDArray[np.uint8] | None = None
     chosen: NDArray[np.int16] | None = None
+    progress: Progress | None = None
 
     @property
     def fraction(self) -> float:
@@ -106,9 +126,12 @@ class Solution:
         rows = cells * self.memory + (self.first if memory is None else memory)
         return np.where(cells >= 0, self.value[rows], -1).astype(np.int64)
 
-    def step(self, memory: Any, chosen: Any) -> tuple[Any, Any]:
-        """The input that is applied and the memory after it, numbers or (n,): from the memory and the input chosen."""
-        return after_choice(self.kind, self.late, memory, chosen)
+    def step(self, memory: Any, chosen: Any, cells: Any) -> tuple[Any, Any]:
+        """The input that is applied and the memory after it, numbers or (n,): from the memory and the input chosen.
+
+        `cells` are those that were measured; only the state of a task depends on them.
+        """
+        return after_choice(self.kind, self.late, memory, chosen, self.progress, cells)
 
     def at_first(self, nodes: NDArray[Any]) -> NDArray[Any]:
         """Values of nodes (cells * memory,) at the memory of a start: -> (cells,)."""
@@ -122,8 +145,16 @@ class Solution:
         return replace(self, mask=np.where(self.target[:, None], other.mask, self.mask), statistics=statistics)
 
 
-def after_choice(kind: Ints | None, late: bool, memory: Any, chosen: Any) -> tuple[Any, Any]:
-    """Applied input and memory after a choice, of a controller with classes `kind` (M,) or None, acting late or not."""
+def after_choice(
+    kind: Ints | None, late: bool, memory: Any, chosen: Any, progress: Progress | None = None, cells: Any = 0
+) -> tuple[Any, Any]:
+    """Applied input and memory after a choice, of a controller with classes `kind` (M,) or None, acting late or not.
+
+    With a task's `progress`, the cells (numbers or (n,)) in which the choice was made move its state on.
+    """
+    if progress is not None:
+        applied, after = after_choice(kind, late, memory % progress.base, chosen)
+        return applied, progress(memory, cells).astype(np.int64) * progress.base + after
     if kind is None:
         return (memory, chosen) if late else (chosen, 0 * chosen)
     classes = int(kind.max()) + 1

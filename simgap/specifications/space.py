@@ -31,6 +31,7 @@ class Space:
         box: the state box X.
         periodic: axes that wrap around at the ends of X.
         pose: axes of x, y and heading of a body with a round footprint that drives on a floor; None for other plants.
+        tau: sampling time, s.
     """
 
     states: tuple[str, ...]
@@ -38,6 +39,7 @@ class Space:
     periodic: tuple[int, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
     pose: tuple[int, int, int] | None = None
+    tau: float = 1.0
 
     @staticmethod
     def of(case: Case) -> Space:
@@ -58,6 +60,7 @@ class Space:
             periodic=tuple(states.index(name) for name in case.domain.periodic),
             units={name: state.unit for name, state in case.plant.states.items()},
             pose=pose,
+            tau=case.domain.tau,
         )
 
     @property
@@ -203,3 +206,15 @@ def _along_axes(grid: Grid, box: Box, test: Callable[[Floats, Floats, float, flo
         copies = (near - period, near, near + period) if j in grid.periodic else (0.0,)
         flags.append(np.any([test(low, high, box.lo[j] + by, box.hi[j] + by) for by in copies], axis=0))
     return reduce(np.logical_and.outer, flags).reshape(-1)
+
+
+def in_copies(space: Space, box: Box, x: Floats) -> Bools:
+    """True where states are in a box, along periodic states in any of its copies: (n, nx) -> (n,)."""
+    inside = np.ones(len(x), np.bool_)
+    for j in range(space.size):
+        lo, hi = box.lo[j], box.hi[j]
+        if j in space.periodic and np.isfinite(lo):
+            inside &= np.mod(x[:, j] - lo, space.box.hi[j] - space.box.lo[j]) <= hi - lo
+        else:
+            inside &= (x[:, j] >= lo) & (x[:, j] <= hi)
+    return inside

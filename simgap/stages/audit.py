@@ -67,6 +67,8 @@ def margins_of(context: Context, gap: GapFunction, solution: Solution) -> Margin
     needed = 4 * solution.grid.size * 2 ** len(solution.grid.periodic) * sets
     if needed > LARGEST_TABLES:
         return f"Counting how far each of {sets} sets of cells reaches would take {needed / 1e9:.1f} GB."
+    if solution.progress is not None:
+        return "The margins of a task are not counted: what it has come to is part of them."
     blurred = bool(error.any()) or solution.late
     if blurred and specification_of(context.case).on_true_cells:
         return _of_true_cells(context, gap, solution, error)
@@ -76,7 +78,7 @@ def margins_of(context: Context, gap: GapFunction, solution: Solution) -> Margin
 def _of_measured_cells(context: Context, gap: GapFunction, solution: Solution, error: Floats) -> Margins:
     """At what is remembered at a start: the class of a robot at rest, the input that acts first."""
     grid, names, first = solution.grid, context.states, solution.first
-    acts, after = solution.step(first, np.arange(len(context.input_set)))
+    acts, after = solution.step(first, np.arange(len(context.input_set)), 0)
     nodes = solution.served if solution.value is None else solution.value >= 0
     nodes = nodes.reshape(grid.size, solution.memory)
     remembered, kind = np.unique(after, return_inverse=True)

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from simgap.arrays import Bools, Floats, Ints
 from simgap.errors import BrokenPromise, UserError
 from simgap.geometry import Grid
-from simgap.specifications.solution import Solution
+from simgap.specifications.solution import Progress, Solution
 from simgap.synthesis.input_sets import preferred, unpack
 
 RULES = ("least_effort", "middle")
@@ -74,6 +74,11 @@ class Controller:
     def late(self) -> bool:
         """True if an input acts one sample after it is chosen."""
         return self.solution.late
+
+    @property
+    def progress(self) -> Progress | None:
+        """What a task has come to, which is part of the memory; None for other specifications."""
+        return self.solution.progress
 
     @property
     def kind(self) -> Ints | None:

@@ -5,6 +5,7 @@ import runpy
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -15,7 +16,7 @@ from simgap.cli import main
 from simgap.errors import UserError
 from simgap.geometry import Box, Grid
 from simgap.io.controller_file import save_controller
-from simgap.specifications.solution import Solution
+from simgap.specifications.solution import Progress, Solution
 from simgap.synthesis.controller import FARTHEST, Controller
 from simgap.synthesis.input_sets import packed_width
 
@@ -27,14 +28,14 @@ int main(void) {
   double x[%(big)s_STATES], u[1]; long memory; int c;
   while (scanf("%%la %%la %%ld", &x[0], &x[1], &memory) == 3) {
     c = %(name)s_input(x, memory, u);
-    printf("%%d %%d %%ld\\n", c, %(name)s_acting(memory, c), %(name)s_next(memory, c));
+    printf("%%d %%d %%ld\\n", c, %(name)s_acting(memory, c), %(name)s_next(%(name)s_observe(x, memory), c));
   }
   return 0;
 }
 """
 
 
-def made_up(seed, late=False, kind=None, periodic=()):
+def made_up(seed, late=False, kind=None, periodic=(), task=1):
     """A controller whose admissible inputs are drawn at random, none of them in a third of the cells."""
     rng = np.random.default_rng(seed)
     grid = Grid(Box([-0.7, -1.1], [0.3, 1.3]), [13, 7], periodic)
@@ -49,6 +50,11 @@ def made_up(seed, late=False, kind=None, periodic=()):
         grid=grid, winning=winning, mask=mask, free=np.ones(grid.size, bool), value=None, target=None, memory=memory,
         first=0, late=late, kind=None if kind is None else np.array(kind), statistics={},
     )  # fmt: skip
+    if task > 1:
+        memory *= task
+        mask = np.repeat(mask, task, axis=0)
+        after = rng.integers(0, task, (grid.size, task)).astype(np.int16)
+        solution = replace(solution, mask=mask, memory=memory, progress=Progress(after, memory // task))
     return Controller(inputs, ("q", "v"), ("u",), solution, "least_effort", {"case": "made_up"})
 
 
@@ -58,6 +64,8 @@ KINDS = {
     "late": {"late": True},
     "classes": {"kind": [0, 0, 1, 2, 2]},
     "late classes": {"late": True, "kind": [0, 0, 1, 2, 2]},
+    "task": {"task": 3},
+    "late task": {"late": True, "kind": [0, 0, 1, 2, 2], "task": 2, "periodic": (0,)},
 }
 
 
@@ -79,7 +87,7 @@ def test_python_and_c_choose_what_the_controller_chooses(tmp_path, kind):
     wanted = controller.lookup(x, memory)
     assert (wanted >= 0).sum() > 50
     simgap.export_controller(controller, tmp_path / "law.py")
-    ask = "import json, sys, law; print(json.dumps([[c, *law.after(m, c)]"
+    ask = "import json, sys, law; print(json.dumps([[c, *law.after(law.observe(p, m), c)]"
     ask += " for p, m in json.load(sys.stdin) for c in [law.choose(p, m)]]))"
     rows = [[p, m] for p, m in zip(x.tolist(), memory.tolist(), strict=True)]
     done = subprocess.run(
@@ -88,13 +96,17 @@ def test_python_and_c_choose_what_the_controller_chooses(tmp_path, kind):
     )  # fmt: skip
     python = np.array(json.loads(done.stdout))
     assert python[:, 0].tolist() == wanted.tolist()
-    classes = controller.memory // (len(controller.input_set) if controller.late else 1)
-
-    def stays(m):  # nothing is chosen: what was chosen before still acts where inputs act late
-        return (m // classes if controller.late else -1), m
-
-    followed = [controller.solution.step(m, c) if c >= 0 else stays(m) for m, c in zip(memory, wanted, strict=True)]
-    assert python[:, 1:].tolist() == [[int(a), int(b)] for a, b in followed]
+    base = controller.memory if controller.progress is None else controller.progress.base
+    classes = base // (len(controller.input_set) if controller.late else 1)
+    followed = []
+    for m, c, cell in zip(memory.tolist(), wanted.tolist(), controller.cell(x).tolist(), strict=True):
+        if c >= 0:
+            followed.append([int(v) for v in controller.solution.step(m, c, cell)])
+            continue
+        # nothing is chosen: what was chosen before still acts where inputs act late
+        seen = m if cell < 0 or base == controller.memory else int(controller.progress(m, cell)) * base + m % base
+        followed.append([m % base // classes if controller.late else -1, seen])
+    assert python[:, 1:].tolist() == followed
 
     if COMPILER is None:
         pytest.skip("no C compiler")

@@ -7,8 +7,9 @@ from simgap.closed_loop import Sensing, closed_loop
 from simgap.errors import UserError
 from simgap.geometry import Box
 from simgap.io.figure_style import SURROUNDINGS
+from simgap.specifications.arena import first_touch
 from simgap.specifications.invariance import Invariance
-from simgap.specifications.reaching import ReachAndStay, ReachAvoid, first_touch
+from simgap.specifications.reaching import ReachAndStay, ReachAvoid
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space, cells_meeting, cells_within
 

@@ -5,8 +5,9 @@ import pytest
 
 from simgap.closed_loop import Sensing, closed_loop
 from simgap.geometry import Box, Grid
+from simgap.specifications.arena import Surroundings
 from simgap.specifications.base import Run
-from simgap.specifications.reaching import LATE, LEFT, REACHED, STAYED, ReachAndStay, ReachAvoid, Staying, Surroundings
+from simgap.specifications.reaching import LATE, LEFT, REACHED, STAYED, ReachAndStay, ReachAvoid, Staying
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space, cells_meeting, partial_box
 

@@ -105,10 +105,11 @@ class NodeGame:
         """The measurement error that the boxes account for, (nx,)."""
         return self.boxes[0].error
 
-    def reach(self, target: Bools, free: Bools) -> Solution:
+    def reach(self, target: Bools, free: Bools, through: Bools | None = None, steps: int | None = None) -> Solution:
         """The least fixed point over nodes, its value function and all inputs that go down a level.
 
-        `target` is a set of cells (cells,) or of nodes (cells * memory,), `free` of cells, bool.
+        `target` is a set of cells (cells,) or of nodes (cells * memory,), `free` and `through` of cells, bool; these
+        and `steps` are those of `reach_avoid`.
 
         Raises:
             UserError: on cells of the true state.
@@ -120,7 +121,8 @@ class NodeGame:
                 remedy="Let its on_true_cells be False.",
             )
         order = least_effort(self.boxes[0].inputs) if self.one else None
-        found = reach_avoid(self.boxes, target, free, self.threads, order=order, kind=self.kind, late=self.late)
+        how = self.threads, order, self.kind, self.late
+        found = reach_avoid(self.boxes, target, free, *how, through=through, steps=steps)
         return Solution(
             winning=self._winning(np.moveaxis(found.winning.reshape(self.grid.size, -1, len(self.boxes)), 2, 0)),
             mask=found.mask,
@@ -132,10 +134,15 @@ class NodeGame:
             **self._about(self.grid),
         )
 
+    def certain(self, cells: Bools) -> Bools:
+        """Cells (cells,) of which every measurement is in one of the given cells."""
+        return certified(cells, self.grid, self.error)
+
     def invariant(self, safe: Bools) -> Solution:
         """The largest set of nodes of the safe cells (cells,) that can be held, by what is measured of them.
 
-        With classes and inputs that act at once, one that can be held after any input: sound, not always the largest.
+        Where inputs are late, `safe` may be nodes (cells * memory,) instead. With classes and inputs that act at once,
+        one that can be held after any input: sound, not always the largest.
 
         Raises:
             UserError: where one input a cell is asked for.
@@ -146,7 +153,9 @@ class NodeGame:
         boxes = self.boxes if self.late else at_once
         if any(a.swept is not None for a in boxes):
             raise BrokenPromise("swept boxes are not checked where a set is held", "Let the clearance cover them.")
-        inside, mask, statistics = self._held(boxes, safe)
+        nodes = safe.reshape(self.grid.size, -1, len(self.boxes) if safe.size > self.grid.size else 1)
+        safe = nodes.any(axis=(1, 2))
+        inside, mask, statistics = self._held(boxes, safe, np.moveaxis(nodes, 2, 0))
         repeats = len(self.boxes) // len(boxes)
         acting = None
         if self.late and self.blur is not None:
@@ -160,11 +169,13 @@ class NodeGame:
             **self._about(padded(self.grid, self._margin)),
         )
 
-    def _held(self, boxes: tuple[Abstraction, ...], safe: Bools) -> tuple[Bools, Bytes, dict[str, int | str]]:
+    def _held(
+        self, boxes: tuple[Abstraction, ...], safe: Bools, nodes: Bools
+    ) -> tuple[Bools, Bytes, dict[str, int | str]]:
         """Nodes that are held, (classes, cells, P), the inputs of the measured ones (nodes, bytes), and counts."""
         inputs = len(boxes[0].inputs)
         step = NodeStep(boxes, np.zeros(inputs, np.int64) if self.kind is None else self.kind, self.late, self.threads)
-        inside, sets, passes = step.able(boxes, safe), step.no_inputs(), 0
+        inside, sets, passes = step.able(boxes, safe) & nodes, step.no_inputs(), 0
         if self.late and len(boxes) == 1:
             inside &= unpack(invariance(boxes[0], safe, self.threads).mask, inputs)
         lost = np.ones_like(inside)
@@ -223,7 +234,7 @@ class NodeGame:
     def _winning(self, nodes: Bools) -> Bools:
         """Cells (cells,) in which a run may start, from nodes (classes, cells, P), whatever is measured there."""
         first = nodes[self.rest if len(nodes) > 1 else 0, :, self.first if self.late else 0]
-        return certified(first, self.grid, self.error)
+        return self.certain(first)
 
     def _about(self, grid: Grid) -> dict[str, Any]:
         """What a solution says of its nodes."""

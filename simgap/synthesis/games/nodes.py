@@ -115,18 +115,22 @@ def bytes_of_nodes(cells: int, inputs: int, classes: int = 1) -> int:
     return classes * cells * inputs * (8 * (-(-inputs // 64)) + 8)
 
 
-def least_fixed_point(step: NodeStep, goal: Bools, able: Bools) -> tuple[NDArray[np.int32], NDArray[Any]]:
-    """Levels of nodes and the inputs that go down a level, from the goal and the nodes that may be won at all.
+def least_fixed_point(
+    step: NodeStep, goal: Bools, able: Bools, steps: int | None = None
+) -> tuple[NDArray[np.int32], NDArray[Any]]:
+    """Levels of nodes, at most `steps`, and the inputs that go down a level, from the goal and what may be won beside.
 
-    Both are (classes, cells, P); the levels are 0 in the goal and -1 where losing; the inputs as in `no_inputs`.
+    Both are (classes, cells, P); the levels are 0 in the goal and -1 where losing; the inputs as in `no_inputs`. Nodes
+    of the goal that are `able` have the level of an input that leads back into what is won, if there is one.
     """
     value, sets = np.where(goal, 0, -1).astype(np.int32), step.no_inputs()
-    won, news, level = goal.copy(), goal, 0
-    while news.any():
+    won, news, todo, level = goal.copy(), goal, able.copy(), 0
+    while news.any() and level != steps:
         level += 1
-        news = step(won, news, able & ~won, sets) == SOME
-        value[news] = level
-        won |= news
+        found = step(won, news, todo, sets) == SOME
+        value[found] = level
+        news, todo = found & ~won, todo & ~found
+        won |= found
     return value, sets
 
 

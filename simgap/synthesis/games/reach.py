@@ -63,6 +63,8 @@ def reach_avoid(
     kind: Ints | None = None,
     late: bool = False,
     by_rows: bool = True,
+    through: Bools | None = None,
+    steps: int | None = None,
 ) -> Reach:
     """Nodes from which the target is reached in bounded time through free cells, whatever the disturbance does.
 
@@ -77,6 +79,10 @@ def reach_avoid(
         kind: (M,) class of each input; all of one class when None.
         late: whether inputs act a sample after they are chosen; a node has then one of them too.
         by_rows: whether bit rows may be used where some axis allows them.
+        through: cells that may be won beside the target, (cells,); all free ones outside it when None. Target cells
+            among them are looked at again: those with an input into what is won have a level above 0.
+        steps: the largest level, None for no end. With one step and every cell `through`, this is the controlled
+            predecessor of the target.
 
     Raises:
         UserError: swept boxes of inputs that act at once, where no axis allows bit rows.
@@ -92,15 +98,17 @@ def reach_avoid(
             "the path between samples is checked on bit rows only, and no axis allows them",
             remedy="Use a gap that does not depend on the position, or fewer cells",
         )
+    own = target.reshape(free.size, -1, 1 if target.size == free.size else len(every))
+    goal = np.moveaxis(np.broadcast_to(own & free[:, None, None], (*own.shape[:2], len(every))), 2, 0)
     if by_rows:
-        goal = target if target.size == free.size else target.reshape(free.size, -1).all(axis=1)
-        levels, sets, chosen = reach_by_rows(with_common_sweeps(rows), kind, goal & free, free, threads, order)
+        about = with_common_sweeps(rows), kind, goal[:, :, 0], free, threads, order, through, steps
+        levels, sets, chosen = reach_by_rows(*about)
         value, mask, chosen = levels.reshape(-1), sets.reshape(levels.size, sets.shape[2]), chosen.reshape(-1)
     else:
         step = NodeStep(every, kind, late, threads, often=True)
-        own = target.reshape(free.size, -1, 1 if target.size == free.size else len(every))
-        goal = np.broadcast_to(own & free[:, None, None], (free.size, step.shape[2], len(every)))
-        levels, sets = least_fixed_point(step, np.moveaxis(goal, 2, 0), step.able(every, free))
+        goal = np.broadcast_to(goal, step.shape)
+        able = step.able(every, free) & (~goal if through is None else through[:, None])
+        levels, sets = least_fixed_point(step, goal, able, steps)
         value, mask = step.flat(levels), step.flat(sets)
         chosen = np.empty(0, np.int16) if order is None else preferred(mask, order)
         mask = mask if order is None else mask[:, :0]
@@ -168,15 +176,14 @@ class Levels:
         news: (classes, slabs) whether a slab won cells at the last level.
     """
 
-    def __init__(self, moves: Moves, classes: int, goal: Rows, allowed: Rows, clear: Rows, threads: int) -> None:
-        """From the target and the free cells (rows, words), and the free cells eroded by swept boxes (`spread`)."""
+    def __init__(self, moves: Moves, goal: Rows, todo: Rows, clear: Rows, threads: int) -> None:
+        """From the target and what is to be won, (classes, rows, words), and free cells eroded by swept boxes."""
         rows, words, widest = moves.size.tolist()
-        flat = goal.reshape(-1, rows * words)
         self._moves, self._clear, self._threads = moves, clear, threads
-        self._won = np.stack([flat] * classes)
-        self._todo = np.concatenate([allowed.reshape(flat.shape) & ~flat] * classes)
+        self._won = goal.reshape(len(goal), -1, rows * words)
+        self._todo = todo.reshape(-1, rows * words)
         self._made = np.zeros((len(moves.block_class), rows * words), np.uint64)
-        self.news = np.stack([flat.any(axis=1)] * classes).astype(np.uint8)
+        self.news: NDArray[np.uint8] = np.any(self._won, axis=2).astype(np.uint8)
         self._fresh = np.zeros((threads, *self._todo.shape), np.uint64)
         self._ends = np.zeros((threads, self._todo.size), np.int64)
         self._count = np.zeros((threads, 1), np.int64)
@@ -234,15 +241,18 @@ def reach_by_rows(
     free: Bools,
     threads: int,
     order: Ints | None = None,
+    through: Bools | None = None,
+    steps: int | None = None,
 ) -> tuple[NDArray[np.int32], NDArray[np.uint8], NDArray[np.int16]]:
     """Levels and admissible inputs of nodes.
 
     Args:
         systems: boxes after a previous input of each class, over common sizes of swept boxes.
         kind: (M,) class of each input.
-        target, free: (cells,); target cells that are not free do not count.
+        target: (classes, cells), or (cells,) for all classes; those that are not free do not count. free: (cells,).
         threads: slabs are shared among this many threads; the result does not depend on it.
         order: inputs (M,) of which the first admissible one alone is recorded.
+        through, steps: as in `reach_avoid`.
 
     Returns:
         value (cells, classes), mask (cells, classes, bytes), with an order (cells, classes, 0), and that one input
@@ -252,14 +262,18 @@ def reach_by_rows(
     one = np.empty(0, np.int64) if order is None else order
     moves = moves_of(systems, kind)
     words = words_of_a_row(systems)
-    goal, allowed = (pack_rows(cells, s.base, s.stride, s.count, words) for cells in (target & free, free))
-    value = np.full((free.size, classes), -1, np.int32)
-    value[target & free] = 0
+
+    def packed(cells: Bools) -> Rows:
+        return pack_rows(cells, s.base, s.stride, s.count, words)
+
+    goal = np.broadcast_to(target & free, (classes, free.size))
+    todo = [packed(free & (~own if through is None else through)) for own in goal]
+    value = np.where(goal.T, 0, -1).astype(np.int32)
     mask = np.zeros((free.size, classes, packed_width(len(kind)) if order is None else 0), np.uint8)
     chosen = np.full((0, 0) if order is None else value.shape, -1, np.int16)
-    levels = Levels(moves, classes, goal, allowed, _clear(s, allowed), threads)
+    levels = Levels(moves, np.stack([packed(own) for own in goal]), np.stack(todo), _clear(s, packed(free)), threads)
     level = 0
-    while levels.news.any():
+    while levels.news.any() and level != steps:
         level += 1
         levels.spread()
         levels.settle(level, s.base, s.stride, one, (value, mask, chosen))

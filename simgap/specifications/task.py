@@ -1,0 +1,317 @@
+"""Tasks over time: a formula of linear temporal logic over named regions, held at the sampling instants.
+
+The controller reads the letter of the measured cell: a region counts as inside where the whole cell is, whatever the
+measurement error, and as outside where none of it can be. In normal form a formula asks for both only positively. So
+what holds of the letters holds of the run. Obstacles and walls are kept between samples, too.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property, reduce
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from simgap.arrays import Bools, Floats, Ints
+from simgap.config.base import Interval
+from simgap.errors import UserError, placed
+from simgap.geometry import Box, Grid
+from simgap.late import sympy as sp
+from simgap.model.compile import compile_interval_kernel
+from simgap.model.expressions import parse as parse_expression
+from simgap.specifications.arena import Arena, Surroundings, until_touch
+from simgap.specifications.base import (
+    EARLY,
+    STUCK,
+    Game,
+    Look,
+    Monitor,
+    Outcome,
+    Run,
+    Verdict,
+    Words,
+    projected,
+    rectangle,
+)
+from simgap.specifications.formula import Automaton, Formula, Letter, automaton_of, parse, regions
+from simgap.specifications.product import solve
+from simgap.specifications.solution import Solution
+from simgap.specifications.space import (
+    KEY,
+    Space,
+    cells_meeting,
+    cells_within,
+    grown,
+    in_copies,
+    known,
+    partial_box,
+)
+from simgap.units import conversion
+
+MOST_REGIONS = 8
+"""In one formula: runs are judged by an automaton over all their combinations."""
+Region = dict[str, Interval] | str
+DONE, BROKEN, KEPT, LATE = "done", "broke the task", "kept the task", "no progress in time"
+
+
+class Task(Arena):
+    """Keep a formula over regions."""
+
+    kind: Literal["task"] = Field(description="Keep a formula of temporal logic over named regions.")
+    formula: str = Field(
+        description="Over names of regions, with ! & | -> X F G U W R and deadlines such as F[<= 40 s] a: co-safety, "
+        "safety, G of co-safety (G F a), and F G of regions beside G of regions."
+    )
+    regions: dict[str, Region | tuple[Region, ...]] = Field(
+        min_length=1,
+        description="By name a box (intervals of states; those not named are free), an inequality such as "
+        "'x^2 + y^2 <= 4', or a list of these: their union.",
+    )
+
+    swept_boxes: ClassVar[bool] = True
+    words: ClassVar[Words] = Words(
+        runs="Runs of the task",
+        caption="Runs of the controller made for the nominal model alone and of the gap-aware one in the simulator (in "
+        "colour), and from the same starts on the nominal model (grey, dashed).",
+        kept="as the task asks",
+        promise="keeps the task",
+        violated="breaks the task or touches something",
+        failed="broke the task",
+        limits="arena",
+    )
+
+    def region(self, space: Space) -> Box:
+        """The arena; the formula and its regions must be about it."""
+        self._automaton(space, exact_letters(regions(self._read(space))))
+        for name, region in self.regions.items():
+            for part in parts_of(region):
+                if isinstance(part, dict):
+                    known(part, space.states, f"regions.{name}")
+                else:
+                    margin(part, space, name)
+        return super().region(space)
+
+    def _read(self, space: Space) -> Formula:
+        def samples(bound: str) -> int:
+            number, _, unit = bound.strip().partition(" ")
+            try:
+                return int(float(number) * (conversion(unit, "s").factor if unit else 1.0) / space.tau + 1e-9)
+            except (ValueError, OverflowError):
+                raise UserError(f"'{bound}' is no deadline", remedy="Write it like F[<= 40 s] a.") from None
+
+        with placed(key=f"{KEY}.formula"):
+            formula = parse(self.formula, samples)
+            unknown = sorted(regions(formula) - set(self.regions))
+            if unknown:
+                raise UserError(f"no region '{unknown[0]}'", remedy=f"The regions are {', '.join(self.regions)}.")
+            if len(regions(formula)) > MOST_REGIONS:
+                raise UserError(f"the formula is about more than {MOST_REGIONS} regions", remedy="Join some of them.")
+        return formula
+
+    def _automaton(self, space: Space, letters: tuple[Letter, ...]) -> Automaton:
+        with placed(key=f"{KEY}.formula"):
+            return automaton_of(self._read(space), letters)
+
+    def solve(self, game: Game) -> Solution:
+        """The product of the game with the automaton of the formula."""
+        grid, space = game.grid, game.space
+        sure = {}
+        for name in sorted(regions(self._read(space))):
+            inside, meeting = zip(
+                *(self._cells(game, name, part) for part in parts_of(self.regions[name])), strict=True
+            )
+            sure[name, True] = np.any(inside, axis=0)
+            sure[name, False] = ~np.any(meeting, axis=0)
+        codes = sum((flags.astype(np.int64) << k for k, flags in enumerate(sure.values())), np.zeros(grid.size, int))
+        present, letters = np.unique(codes, return_inverse=True)
+        words = (frozenset(itertools.compress(sure, (code >> k & 1 for k in range(len(sure))))) for code in present)
+        free = self.free(space, grid, game.stray + game.error)
+        return solve(game, self._automaton(space, tuple(words)), letters.reshape(-1), free)
+
+    def _cells(self, game: Game, name: str, part: Region) -> tuple[Bools, Bools]:
+        """Cells that lie in a region for sure, and cells that may meet it, whatever the measurement error."""
+        space, error = game.space, game.error
+        if isinstance(part, str):
+            lo, hi = enclosed(margin(part, space, name), space, game.grid, error)
+            return hi <= 0.0, lo <= 0.0
+        box = partial_box(part, space.states)
+        lo, hi = box.lo + error, box.hi - error
+        none = np.zeros(game.grid.size, np.bool_)
+        within = cells_within(game.grid, Box(lo, hi)) if np.all(lo < hi) else none
+        return within, cells_meeting(game.grid, grown(box, error))
+
+    def monitor(self, space: Space, solution: Solution) -> Monitor:
+        """Monitor of the formula on the true states, and of touching nothing."""
+        names = sorted(regions(self._read(space)))
+        places = {name: Place(space, name, parts_of(self.regions[name])) for name in names}
+        return Watching(places, self._automaton(space, exact_letters(names)), self.surroundings(space), solution)
+
+    def sentence(self, space: Space) -> str:
+        """'keep "G F a" with ...'."""
+        named = "; ".join(f"{name}: {self._told(space, name)}" for name in sorted(regions(self._read(space))))
+        return f"keep '{self.formula}' ({named}){self.clear_of(space)}"
+
+    def _told(self, space: Space, name: str) -> str:
+        return " or ".join(
+            part if isinstance(part, str) else ", ".join(space.interval(state, ends) for state, ends in part.items())
+            for part in parts_of(self.regions[name])
+        )
+
+    def draw(self, axes: Any, space: Space, shown: tuple[int, int], look: Look) -> None:
+        """Regions that are boxes, with their names, obstacles and the border of the arena."""
+        arena, (face, edge) = self.region(space), look.target
+        for name in sorted(regions(self._read(space))):
+            for part in parts_of(self.regions[name]):
+                if isinstance(part, dict) and any(space.states[j] in part for j in shown):
+                    box = projected(partial_box(part, space.states), arena, shown)
+                    rectangle(axes, box, facecolor=face, edgecolor=edge, lw=1.0)
+                    axes.text(*(0.5 * (box.lo + box.hi)), name, ha="center", va="center", fontsize="small", color=edge)
+        super().draw(axes, space, shown, look)
+
+
+def exact_letters(names: Iterable[str]) -> tuple[Letter, ...]:
+    """Letters of states that are known: all combinations of regions, sorted, the last one running fastest."""
+    ordered = sorted(names)
+    inside = itertools.product((False, True), repeat=len(ordered))
+    return tuple(frozenset(zip(ordered, own, strict=True)) for own in inside)
+
+
+def parts_of(region: Region | tuple[Region, ...]) -> tuple[Region, ...]:
+    """The boxes and inequalities of which a region is the union."""
+    return region if isinstance(region, tuple) else (region,)
+
+
+def margin(text: str, space: Space, name: str) -> sp.Expr:
+    """The expression that is not positive exactly where an inequality holds.
+
+    Raises:
+        UserError: what is no inequality between expressions of the states.
+    """
+    with placed(key=f"{KEY}.regions.{name}"):
+        for sign in ("<=", ">="):
+            left, found, right = text.partition(sign)
+            if found:
+                small, large = (left, right) if sign == "<=" else (right, left)
+                return parse_expression(small, space.states) - parse_expression(large, space.states)
+        raise UserError(f"'{text}' is no inequality", remedy="Write it like 'x^2 + y^2 <= 4', with <= or >=.")
+
+
+def enclosed(expression: sp.Expr, space: Space, grid: Grid, error: Floats) -> tuple[Floats, Floats]:
+    """Least and largest values of an expression over the cells, grown by the error: (cells,) each, rounded outward."""
+    symbols = {s.name: s for s in expression.free_symbols}
+    axes = [j for j, name in enumerate(space.states) if name in symbols]
+    kernel = compile_interval_kernel([expression], [[symbols[space.states[j]] for j in axes]])
+    centres = np.stack(np.meshgrid(*(grid.axis(j) for j in axes), indexing="ij"), axis=-1).reshape(-1, len(axes))
+    reach = (grid.h + error)[axes] * (1.0 + 1e-9)  # as much wider as rounding may have moved a face
+    pairs = np.array([kernel(c - reach, c + reach)[0] for c in centres])
+    shape = [grid.cells[j] if j in axes else 1 for j in range(space.size)]
+    lo, hi = (np.broadcast_to(side.reshape(shape), grid.cells).reshape(-1) for side in pairs.T)
+    return lo, hi
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A region: the union of boxes and inequalities."""
+
+    space: Space
+    name: str
+    parts: tuple[Region, ...]
+
+    def contains(self, x: Floats) -> Bools:
+        """True where states are in it: (n, nx) -> (n,)."""
+        return reduce(np.logical_or, (test(x) for test in self._tests))
+
+    @cached_property
+    def _tests(self) -> list[Any]:
+        return [self._test(part) for part in self.parts]
+
+    def _test(self, part: Region) -> Any:
+        space = self.space
+        if isinstance(part, dict):
+            box = partial_box(part, space.states)
+            return lambda x: in_copies(space, box, x)
+        value = sp.lambdify([sp.Symbol(s) for s in space.states], margin(part, space, self.name), modules="numpy")
+        return lambda x: np.broadcast_to(value(*space.wrapped(x).T), len(x)) <= 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Watching(Monitor):
+    """Judges runs by the formula's automaton, read at the true states.
+
+    Attributes:
+        places: the formula's regions, sorted; automaton: over all combinations of them, the last one running fastest.
+        surroundings: what must not be touched; solution: of the controller, whose value says how long progress takes.
+    """
+
+    places: dict[str, Place]
+    automaton: Automaton
+    surroundings: Surroundings
+    solution: Solution
+
+    measures_clearance = True
+
+    def over_each(self, x: Floats, measured: Floats) -> Bools:
+        """Runs end where the controller has nothing more to do: (n, nx), (n, nx) -> (n,), all False."""
+        return np.zeros(len(x), np.bool_)
+
+    def clearance(self, path: Floats) -> float:
+        """Least distance to obstacles and walls along a path (k, nx)."""
+        return self.surroundings.least(path)
+
+    def letters(self, x: Floats) -> Ints:
+        """Number of the letter at each state: (n, nx) -> (n,)."""
+        return reduce(
+            lambda code, place: 2 * code + place.contains(x), self.places.values(), np.zeros(len(x), np.int64)
+        )
+
+    def judge(self, run: Run, steps: int) -> Verdict:
+        """Cut the run where it touches something, breaks the task or has done it, or ask how it went on."""
+        run, hit = until_touch(run, self.surroundings)
+        states, good = self.automaton.read(self.letters(run.x))
+        over = np.flatnonzero(
+            (states < 0) | (states == self.automaton.done) if self.automaton.done >= 0 else states < 0
+        )
+        if len(over) and over[0] < len(run.x) - hit:
+            last, broken = int(over[0]), bool(states[over[0]] < 0)
+            run, hit, good = run.until(last), False, good[: last + 1]
+            end, kept = (BROKEN, False) if broken else (DONE, True)
+        elif hit:
+            end, kept, broken = self.surroundings.touched, False, False
+        else:
+            broken = False
+            end, kept = self._went_on(run, good, steps)
+        unbroken = np.arange(len(run.x)) < len(run.x) - (hit or broken)
+        near = run.clearance if run.clearance is not None else np.array([np.inf])
+        return Verdict(Outcome(end, kept, len(run.inputs), self._figures(good, near, end)), run, unbroken)
+
+    def _went_on(self, run: Run, good: Bools, steps: int) -> tuple[str, bool]:
+        """End of a run that broke nothing and has not done everything."""
+        if run.stuck:
+            return STUCK, False
+        if len(run.inputs) < steps:
+            return EARLY, False
+        if self.automaton.done >= 0:
+            return LATE, False
+        assert self.solution.value is not None
+        # Letters that are sure come later than the true ones, so that this automaton may be ahead by whole rounds.
+        rounds = 1 if self.automaton.persists else 2 * len(self.automaton.step)
+        waiting = len(good) - 1 - int(np.flatnonzero(good).max(initial=0))
+        return (KEPT, True) if waiting <= rounds * int(self.solution.value.max()) else (LATE, False)
+
+    def _figures(self, good: Bools, near: Floats, end: str) -> dict[str, float]:
+        return {"rounds": float(good.sum()), "clearance": float(near.min()), "done": float(end == DONE)}
+
+    def summary(self, outcomes: Sequence[Outcome]) -> dict[str, Any]:
+        """How often runs made progress, and the worst clearance over all of them."""
+        near = min((o.figures["clearance"] for o in outcomes), default=np.inf)
+        key = "least_clearance" if self.surroundings.round else "least_clearance_in_widths_of_X"
+        kept = [o for o in outcomes if o.kept]
+        return {
+            "steps_to_done": [o.steps for o in kept if o.figures["done"]],
+            "good_moves": [int(o.figures["rounds"]) for o in kept],
+            key: near,
+        }

@@ -1,0 +1,226 @@
+"""Tasks against brute force on explicit products of a few cells with an automaton.
+
+The oracle lists every node (cell, pending input, state) and solves the game by removing what the adversary can trap,
+the other way round than the fixed points of the code. Automata are tested by themselves (`test_formula`). What a
+controller may apply is checked by following all of it: nothing unserved is reached, and no circle lacks a good move.
+"""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from simgap.errors import UserError
+from simgap.geometry import Box
+from simgap.specifications.formula import automaton_of, parse, regions
+from simgap.specifications.space import Space
+from simgap.specifications.task import Task
+from tests.specifications.formulas import conjunction, persistent, text
+from tests.specifications.tiny_games import INPUTS, Tiny, inside, random_box
+
+PROBLEMS = 120
+
+
+class Explicit:
+    """The product of a tiny plant with a task: nodes, moves, and whether they are good."""
+
+    def __init__(self, tiny, formula, boxes, late):
+        names = sorted(regions(formula))
+        cells = list(itertools.product(*(range(n) for n in tiny.cells)))
+        self.free = {k for k in cells if not any(inside(k, box) for box in tiny.obstacles)}
+        letters = {k: frozenset((n, inside(k, boxes[n])) for n in names) for k in cells}
+        order = [(name, side) for name in names for side in (True, False)]  # states are numbered as letters come
+        every = tuple(sorted({*letters.values()}, key=lambda own: sum(1 << order.index(one) for one in own)))
+        self.automaton = automaton_of(formula, every)
+        number = {k: every.index(letters[k]) for k in cells}
+        self.step = lambda q, k: int(self.automaton.step[q, number[k]]) if k in self.free else -1
+        self.good = lambda q, k: bool(self.automaton.good[q, number[k]])
+        after = {k: tiny.moves(k) for k in cells}
+        pending = range(INPUTS if late else 1)
+        states = range(len(self.automaton.step))
+        self.nodes = [(k, p, q) for k in cells for p in pending for q in states if k in self.free]
+        self.moves = {}
+        for k, p, q in self.nodes:
+            own = []
+            for m in range(INPUTS):
+                reached = after[k][p if late else m]
+                if q == self.automaton.done:
+                    own.append([])
+                elif reached is None or any(self.step(q, t) < 0 for t in reached):
+                    own.append(None)
+                else:
+                    own.append([((t, m if late else 0, self.step(q, t)), self.good(q, t)) for t in reached])
+            self.moves[k, p, q] = own
+
+    def winning(self):
+        """Nodes that are won: for co-Buechi those where the adversary cannot force moves that are not good for ever."""
+        persists = self.automaton.persists
+        alive = set(self.nodes)
+        if persists:
+            return self._persistent(alive)
+        while True:
+            forced = self._force(alive)
+            if forced == alive:
+                return alive
+            alive = forced
+
+    def _force(self, alive):
+        """Nodes of `alive` from which a good move within it can be forced; done ones need no move."""
+        found = {n for n in alive if n[2] == self.automaton.done}
+        while True:
+            more = {
+                n
+                for n in alive - found
+                if any(
+                    own is not None and all((good and t in alive) or t in found for t, good in own)
+                    for own in self.moves[n]
+                )
+            }
+            if not more:
+                return found
+            found |= more
+
+    def _persistent(self, alive):
+        lost = set()
+        while True:
+            left = alive - lost
+            trapped = {n for n in left if all(own is None or any(t in lost for t, _ in own) for own in self.moves[n])}
+            if trapped:
+                lost |= trapped
+                continue
+            # Nodes of `left` where the adversary forces a bad move that stays in a set from which he can do so again.
+            again = set(left)
+            while True:
+                force = set()
+                while True:
+                    more = {
+                        n
+                        for n in again - force
+                        if all(
+                            own is None or any((not good and t in again) or t in force or t in lost for t, good in own)
+                            for own in self.moves[n]
+                        )
+                    }
+                    if not more:
+                        break
+                    force |= more
+                if force == again:
+                    break
+                again = force
+            if not again:
+                return left
+            lost |= again
+
+
+def solved(tiny, formula, boxes, late):
+    task = Task(kind="task", formula=formula, regions=boxes, obstacles=tiny.obstacles)
+    return task.solve(tiny.game(late))
+
+
+def by_oracle(tiny, explicit, found, late):
+    """Compare winning sets; -> how many nodes are won."""
+    won = explicit.winning()
+    states, base = len(explicit.automaton.step), INPUTS if late else 1
+    value = found.value.reshape(*tiny.cells, states, base)
+    bits = np.unpackbits(found.mask, axis=1, count=INPUTS, bitorder="little").reshape(*value.shape, INPUTS)
+    for k in itertools.product(*(range(n) for n in tiny.cells)):
+        for before, p in itertools.product(range(states), range(base)):
+            q = explicit.step(before, k)
+            assert (value[(*k, before, p)] >= 0) == (q >= 0 and (k, p, q) in won), (k, before, p)
+            if q < 0 or (k, p, q) not in won or q == explicit.automaton.done:
+                assert not bits[(*k, before, p)].any()
+                continue
+            level = value[(*k, before, p)]
+            assert (level == 0) == explicit.good(before, k)
+            assert bits[(*k, before, p)].any()
+            for m in np.flatnonzero(bits[(*k, before, p)]):
+                for (t, pending, _), good in explicit.moves[k, p, q][m]:
+                    then = value[(*t, q, pending)]
+                    assert then >= 0
+                    assert good or level == 0 or then < level, "a circle without a good move"
+    return len(won)
+
+
+@pytest.mark.parametrize("late", [False, True])
+@pytest.mark.parametrize("rows", [False, True])
+@pytest.mark.parametrize("make", [conjunction, persistent])
+def test_winning_sets_of_tasks_are_those_of_the_definition(make, rows, late):
+    some = all_won = unequal = 0
+    for seed in range(PROBLEMS):
+        tiny = Tiny([seed, rows, late, 35], rows)
+        rng = np.random.default_rng([seed, 35])
+        tree = make(rng)
+        boxes = {name: random_box(rng, tiny.cells, 3) for name in ("a", "b", "c")}
+        formula = parse(text(tree), int)
+        explicit = Explicit(tiny, formula, boxes, late)
+        found = solved(tiny, text(tree), boxes, late)
+        count = by_oracle(tiny, explicit, found, late)
+        some += count > 0
+        all_won += count == len(explicit.nodes)
+        unequal += 0 < count < len(explicit.nodes)
+    assert unequal > PROBLEMS // 5
+    assert some > all_won
+
+
+def test_the_rank_falls_until_the_next_good_move_and_no_further():
+    """Two rooms of a corridor that are visited in turn: by hand."""
+    tiny = Tiny([1, False], False)
+    tiny.cells, tiny.periodic, tiny.obstacles = (5, 1), (), []
+    tiny.offsets = np.zeros((2, 5, INPUTS, 2), int)
+    tiny.offsets[0] = np.array([-1, 0, 1, 1])[None, :, None]
+    found = solved(tiny, "G F a & G F b", {"a": {"a": (0.0, 1.0)}, "b": {"a": (4.0, 5.0)}}, False)
+    assert found.winning.all()
+    waits_for_a, waits_for_b = found.value.reshape(5, 2).T
+    assert sorted([waits_for_a.tolist(), waits_for_b.tolist()])[0][:4] != [-1] * 4
+    assert found.statistics["states"] == 2
+    assert max(found.value) <= 8
+
+
+def asked(formula, boxes):
+    return Task(kind="task", formula=formula, regions=boxes)
+
+
+def test_what_cannot_be_read_is_refused_in_one_line():
+    space = Space(("a", "b"), Box([0, 0], [4, 4]), (), tau=0.5)
+    boxes = {"home": {"a": (0.0, 1.0)}, "round": "a^2 + b^2 <= 1"}
+    for formula, problem in (
+        ("G F work", "no region 'work'"),
+        ("F[<= soon] home", "no deadline"),
+        ("F[<= 3 m] home", "does not convert|no deadline|unit"),
+        ("F (home & G round)", "fragment"),
+    ):
+        with pytest.raises(UserError, match=problem):
+            asked(formula, boxes).region(space)
+    with pytest.raises(UserError, match="no inequality"):
+        asked("F a", {"a": "a + b"}).region(space)
+    with pytest.raises(UserError, match="no state 'z'"):
+        asked("F a", {"a": {"z": (0.0, 1.0)}}).region(space)
+
+
+def test_cells_of_inequalities_are_sure_on_both_sides():
+    rng = np.random.default_rng(11)
+    space = Space(("a", "b"), Box([-2.0, -2.0], [2.0, 2.0]), ())
+    grid = space.grid(space.box, (23, 31))
+
+    class Cells:
+        pass
+
+    game = Cells()
+    game.space, game.grid = space, grid
+    for error in (np.zeros(2), np.array([0.05, 0.0])):
+        game.error = error
+        for text_of, truth in (
+            ("a^2 + b^2 <= 1", lambda x: x[:, 0] ** 2 + x[:, 1] ** 2 <= 1),
+            ("a + b >= 0.5", lambda x: x.sum(axis=1) >= 0.5),
+            ("abs(a) <= 1", lambda x: abs(x[:, 0]) <= 1),
+        ):
+            task = Task(kind="task", formula="F r", regions={"r": text_of})
+            within, meeting = task._cells(game, "r", text_of)
+            x = rng.uniform(-2, 2, (200_000, 2))
+            seen = np.clip(x + error * np.sign(rng.uniform(-1, 1, x.shape)), -2, 2)
+            cell, true = grid.index(seen), truth(x)
+            assert true[within[cell]].all()
+            assert not true[~meeting[cell]].any()
+            assert within.any()
+            assert (~meeting).any()
+            assert (meeting & ~within).mean() < 0.25
