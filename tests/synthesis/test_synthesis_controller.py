@@ -106,7 +106,7 @@ def test_outside_the_grid_there_is_nothing_though_its_last_cell_wins():
     assert own.contains(at).tolist() == own.in_target(at).tolist() == [False, True, True, False]
     assert own.value(at).tolist() == [-1, 3, 0, -1]
     find = scalar_lookup(own)
-    assert [find(np.array(x), 0) for x in at] == [-1, 0, 0, -1]
+    assert [find(np.array(x), 0)[1] for x in at] == [-1, 0, 0, -1]
 
 
 def test_a_missing_or_damaged_file_is_one_line(tmp_path):
