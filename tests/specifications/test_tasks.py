@@ -10,11 +10,14 @@ import itertools
 import numpy as np
 import pytest
 
+from simgap.closed_loop import Sensing, batch_loop, closed_loop, strays
 from simgap.errors import UserError
 from simgap.geometry import Box
+from simgap.io.controller_file import load_controller, save_controller
 from simgap.specifications.formula import automaton_of, parse, regions
 from simgap.specifications.space import Space
 from simgap.specifications.task import Task
+from simgap.synthesis.controller import Controller
 from tests.specifications.formulas import conjunction, persistent, text
 from tests.specifications.tiny_games import INPUTS, Tiny, inside, random_box
 
@@ -224,3 +227,87 @@ def test_cells_of_inequalities_are_sure_on_both_sides():
             assert within.any()
             assert (~meeting).any()
             assert (meeting & ~within).mean() < 0.25
+
+
+class Picked:
+    """A plant on the cells of a tiny one that picks any of the cells that may follow, or `jumps` anywhere."""
+
+    path = None
+
+    def __init__(self, tiny, controller, rng, jumps):
+        self.tiny, self.controller, self.rng, self.jumps = tiny, controller, rng, jumps
+
+    def reset(self, x):
+        self.x = np.array(x)
+
+    def advance(self, u):
+        cell = tuple(int(v) for v in np.floor(self.x))
+        after = sorted(self.tiny.moves(cell)[int(u[0])])
+        if self.jumps and self.rng.random() < 0.2:
+            after = [tuple(int(v) for v in self.rng.integers(0, self.tiny.cells))]
+        self.x = np.array(after[self.rng.integers(len(after))]) + 0.5
+        return self.x
+
+
+def test_runs_keep_the_task_and_its_certificate_and_those_that_jump_are_found(tmp_path):
+    kept = wandered = 0
+    for seed in range(60):
+        tiny, rng = Tiny([seed, 7], False), np.random.default_rng([seed, 7])
+        tiny.obstacles = []
+        boxes = {name: random_box(rng, tiny.cells, 3) for name in ("a", "b", "c")}
+        formula = ("G F a & G F b", "G (a -> F b) & G F c", "!c U (a & F b)", "F G a", "F[<= 6] b & G F a")[seed % 5]
+        found = solved(tiny, formula, boxes, False)
+        if not found.useful:
+            continue
+        made = Controller(np.arange(INPUTS, dtype=float)[:, None], ("a", "b"), ("u",), found, "least_effort", {})
+        save_controller(made, tmp_path / "law.npz")
+        law = load_controller(tmp_path / "law.npz")
+        assert np.array_equal(law.progress.after, found.progress.after)
+        space = Space(("a", "b"), Box([0, 0], tiny.cells), tiny.periodic)
+        task = Task(kind="task", formula=formula, regions=boxes)
+        monitor = task.monitor(space, law.solution)
+        for number in range(20):
+            start = law.grid.centres()[rng.choice(found.beginnings)]
+            jumps = number % 2 == 1
+            plant = Picked(tiny, law, rng, jumps)
+            run = closed_loop(plant, law, start, 60, Sensing(np.zeros(2)), rng, monitor)
+            verdict = monitor.judge(run, 60)
+            if not jumps:
+                assert verdict.outcome.kept, (formula, verdict.outcome.end)
+                assert strays(law.solution, run) == 0
+                assert np.array_equal(law.solution.levels(run.measured, run.memory) >= 0, np.ones(len(run.x), bool))
+                kept += 1
+            else:
+                wandered += not verdict.outcome.kept or strays(law.solution, verdict.run) > 0
+    assert kept > 200
+    assert wandered > 100
+
+
+def test_a_batch_of_runs_is_the_runs_one_by_one():
+    tiny = Tiny([3, False], False)
+    tiny.cells, tiny.periodic, tiny.obstacles = (5, 4), (), []
+    tiny.offsets = np.zeros((2, 20, INPUTS, 2), int)
+    tiny.offsets[0] = np.array([-1, 0, 1, 1])[None, :, None]
+    tiny.offsets[1] = np.array([0, 1, 0, -1])[None, :, None]
+    boxes = {"a": {"a": (0.0, 1.0)}, "b": {"b": (3.0, 4.0)}}
+    found = solved(tiny, "G F a & G F b", boxes, False)
+    law = Controller(np.arange(INPUTS, dtype=float)[:, None], ("a", "b"), ("u",), found, "middle", {})
+    space = Space(("a", "b"), Box([0, 0], tiny.cells), ())
+    monitor = Task(kind="task", formula="G F a & G F b", regions=boxes).monitor(space, found)
+    rng, starts = np.random.default_rng(0), law.grid.centres()[found.beginnings]
+
+    def step(x, u):
+        cells = [tuple(int(v) for v in np.floor(p)) for p in x]
+        return np.array([min(tiny.moves(cell)[int(m)]) for cell, m in zip(cells, u[:, 0], strict=True)]) + 0.5
+
+    class One(Picked):
+        def advance(self, u):
+            self.x = step(self.x[None], u[None])[0]
+            return self.x
+
+    together = batch_loop(step, law, starts, 30, monitor)
+    for start, other in zip(starts, together, strict=True):
+        run = closed_loop(One(tiny, law, rng, False), law, start, 30, Sensing(np.zeros(2)), rng, monitor)
+        assert np.array_equal(run.x, other.x)
+        assert np.array_equal(run.memory, other.memory)
+        assert monitor.judge(run, 30).outcome.figures["rounds"] >= 2

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap import reading
-from simgap.arrays import Floats
+from simgap.arrays import Floats, Ints
 from simgap.errors import BrokenPromise, UserError
 from simgap.geometry import Box
 from simgap.io import figure_style as style
@@ -95,10 +95,17 @@ def _log_shown(recording: Any, content: Content, controller: str, trace: Trace) 
 
 def steps_to_target(policy: Controller, trace: Trace) -> tuple[Floats, Floats]:
     """The value function along a run: times and steps, (n,) each, without the last where no pending input is known."""
-    if not policy.late:
-        return trace.t, policy.value(trace.x).astype(np.float64)
-    pending = np.argmin(np.abs(policy.input_set[None] - trace.u[:-1, None]).sum(axis=2), axis=1)
-    return trace.t[:-1], policy.value(trace.x[:-1], pending).astype(np.float64)
+    memory = memories(policy, trace)
+    return trace.t[: len(memory)], policy.value(trace.x[: len(memory)], memory).astype(np.float64)
+
+
+def memories(policy: Controller, trace: Trace) -> Ints:
+    """What the controller remembered at the samples of a run, as far as its inputs say."""
+    applied = np.argmin(np.abs(policy.input_set[None] - trace.u[:-1, None]).sum(axis=2), axis=1)
+    memory = [policy.first]
+    for cell, chosen in zip(policy.cell(trace.x).tolist(), applied[int(policy.late) :].tolist(), strict=False):
+        memory.append(int(policy.solution.step(memory[-1], chosen, cell)[1]))
+    return np.array(memory)
 
 
 def events(content: Content, controller: str, trace: Trace) -> list[tuple[float, str, str]]:
@@ -110,6 +117,10 @@ def events(content: Content, controller: str, trace: Trace) -> list[tuple[float,
         t, x = float(trace.t[first]), trace.x[first]
         where = ", ".join(f"{n} = {v:.4g}" for n, v in zip(content.states, x, strict=True))
         out.append((t, f"{title}: the simulator is unsafe at {where}", "ERROR"))
+    elif (task := content.controllers[controller].progress) is not None:
+        stages = memories(content.controllers[controller], trace) // task.base
+        moved = 1 + np.flatnonzero(np.diff(stages))
+        out += [(float(trace.t[k]), f"{title}: the task moves on to stage {stages[k]}", "INFO") for k in moved]
     elif content.controllers[controller].in_target(trace.x[-1:])[0]:
         arrived = float(trace.t[content.controllers[controller].in_target(trace.x)][0])
         out.append((arrived, f"{title}: target reached after {arrived:g} s", "INFO"))
