@@ -257,6 +257,10 @@ class Specification(Section, ABC):
     operator is `Game.invariant`."""
     words: ClassVar[Words] = Words()
 
+    def stages(self, space: Space) -> int:
+        """How many states a controller tells apart of what the specification has come to; 1 for most."""
+        return 1
+
     def on_floor(self, space: Space) -> bool:
         """True if what a body that drives must not touch is said by its place alone, as swept boxes need it."""
         return space.pose is not None

@@ -116,6 +116,10 @@ class Task(Arena):
         with placed(key=f"{KEY}.formula"):
             return automaton_of(self._read(space), letters)
 
+    def stages(self, space: Space) -> int:
+        """States of the formula's automaton."""
+        return len(self._automaton(space, exact_letters(regions(self._read(space)))).step)
+
     def solve(self, game: Game) -> Solution:
         """The product of the game with the automaton of the formula."""
         grid, space = game.grid, game.space
@@ -168,8 +172,8 @@ class Task(Arena):
             for part in parts_of(self.regions[name]):
                 if isinstance(part, dict) and any(space.states[j] in part for j in shown):
                     box = projected(partial_box(part, space.states), arena, shown)
-                    rectangle(axes, box, facecolor=face, edgecolor=edge, lw=1.0)
-                    axes.text(*(0.5 * (box.lo + box.hi)), name, ha="center", va="center", fontsize="small", color=edge)
+                    rectangle(axes, box, facecolor=face, edgecolor=edge, lw=1.0, alpha=0.5)
+                    axes.text(*(0.5 * (box.lo + box.hi)), name, ha="center", va="center", fontsize="small")
         super().draw(axes, space, shown, look)
 
 
