@@ -34,15 +34,16 @@ from simgap.simulators.wheeled import WheeledEngine, WheeledPlant, WheeledSettin
 class MuJoCoSettings(EngineSection):
     """MuJoCo over the plant's URDF, or over an MJCF file (optional extra `simgap[mujoco]`)."""
 
-    engine: Literal["mujoco"] = Field("mujoco", description="Which engine.")
-    integrator: Literal["euler", "implicit", "rk4"] = Field("euler", description="MuJoCo's integrator.")
-    damping: Damping = Field(Damping(linear=0.0, angular=0.0), description="Only `joint` applies to MuJoCo.")
-    mjcf: str | None = Field(
-        None,
-        description="An MJCF file in place of the plant's URDF, relative to the case file. All of it is used as it is "
-        "(damping, friction, armature, stops, integrator, gravity), but for the timestep, which is "
-        "tau/substeps, and its motors, which idle: the inputs are forces on joints.",
-    )
+    engine: Literal["mujoco"] = "mujoco"
+    """Which engine."""
+    integrator: Literal["euler", "implicit", "rk4"] = "euler"
+    """MuJoCo's integrator."""
+    damping: Damping = Damping(linear=0.0, angular=0.0)
+    """Only `joint` applies to MuJoCo."""
+    mjcf: str | None = None
+    """An MJCF file in place of the plant's URDF, relative to the case file. All of it is used as it is (damping,
+    friction, armature, stops, integrator, gravity), but for the timestep, which is tau/substeps, and its motors, which
+    idle: the inputs are forces on joints."""
 
     OPTIONAL: ClassVar[tuple[str, ...]] = (*EngineSection.OPTIONAL, "mjcf")
 
@@ -150,10 +151,10 @@ IMPRATIO = 10.0
 class MuJoCoWheeledSettings(WheeledSettings):
     """MuJoCo over a differential-drive URDF (optional extra `simgap[mujoco]`)."""
 
-    engine: Literal["mujoco_wheeled"] = Field("mujoco_wheeled", description="Which engine.")  # type: ignore[assignment]
-    gain: float = Field(
-        2.0, gt=0, description="Gain of the wheels' velocity loops, N m s/rad; their torque is limited to `torque`."
-    )
+    engine: Literal["mujoco_wheeled"] = "mujoco_wheeled"  # type: ignore[assignment]
+    """Which engine."""
+    gain: float = Field(2.0, gt=0)
+    """Gain of the wheels' velocity loops, N m s/rad; their torque is limited to `torque`."""
 
 
 class MuJoCoWheeled(WheeledEngine):

@@ -246,17 +246,14 @@ RADIUS = 0.15
 class Reaching(Specification):
     """Reach a box without touching others."""
 
-    arena: dict[str, Interval] = Field(
-        default_factory=dict, description="For each state the interval never to leave; states not named keep all of X."
-    )
-    obstacles: tuple[dict[str, Interval], ...] = Field(
-        (), description="Boxes to avoid; an obstacle holds for all values of the states it does not name."
-    )
-    target: dict[str, Interval] = Field(min_length=1, description="The box to reach; states not named are free.")
-    clearance: dict[str, NotNegative] = Field(
-        default_factory=dict,
-        description="For a state, how far to keep from walls and obstacles (half the footprint), in its unit.",
-    )
+    arena: dict[str, Interval] = Field(default_factory=dict)
+    """For each state the interval never to leave; states not named keep all of X."""
+    obstacles: tuple[dict[str, Interval], ...] = ()
+    """Boxes to avoid; an obstacle holds for all values of the states it does not name."""
+    target: dict[str, Interval] = Field(min_length=1)
+    """The box to reach; states not named are free."""
+    clearance: dict[str, NotNegative] = Field(default_factory=dict)
+    """For a state, how far to keep from walls and obstacles (half the footprint), in its unit."""
 
     between_samples: ClassVar[bool] = True
     then: ClassVar[str] = ""
@@ -403,7 +400,8 @@ REACHED, BESIDE = "reached the target", "ended beside the target"
 class ReachAvoid(Reaching):
     """Reach the target and avoid the obstacles until then; a run ends in the target."""
 
-    kind: Literal["reach_avoid"] = Field(description="Reach the target and avoid the obstacles until then.")
+    kind: Literal["reach_avoid"]
+    """Reach the target and avoid the obstacles until then."""
 
     swept_boxes: ClassVar[bool] = True
     holds: ClassVar[bool] = False
@@ -461,7 +459,8 @@ STAYED, LEFT = "reached the target and stayed", "left the target again"
 class ReachAndStay(Reaching):
     """Reach the target, avoid the obstacles, and stay in the target for ever after."""
 
-    kind: Literal["reach_and_stay"] = Field(description="Reach the target, avoid the obstacles, stay in the target.")
+    kind: Literal["reach_and_stay"]
+    """Reach the target, avoid the obstacles, stay in the target."""
 
     then: ClassVar[str] = ", stay there for ever"
     words: ClassVar[Words] = Words(
