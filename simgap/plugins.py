@@ -45,10 +45,10 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
         "pybullet_wheeled": "simgap.simulators.pybullet:PyBulletWheeled",
         "mujoco": "simgap.simulators.mujoco:MuJoCoJoints",
         "equations": "simgap.simulators.equations:EquationsEngine",
-        "python": "simgap.simulators.python_function:PythonEngine",
+        "python": "simgap.extras.engines.python_function:PythonEngine",
         "drake": "simgap.extras.engines.drake_joints:DrakeJoints",
         "fmu": "simgap.extras.engines.fmu:FmuEngine",
-        "mujoco_wheeled": "simgap.simulators.mujoco:MuJoCoWheeled",
+        "mujoco_wheeled": "simgap.extras.engines.mujoco_wheeled:MuJoCoWheeled",
     },
     "bases": {
         "expressions": "simgap.gap.bases:Expressions",

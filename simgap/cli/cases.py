@@ -155,7 +155,7 @@ def refine(
     ] = None,
 ) -> None:
     """Find the states along which the sample grid must be fine, and print the section for the case."""
-    from simgap.gap.resolution import refine as refined
+    from simgap.extras.refine import refine as refined
 
     with progress("building the nominal model") as tell:
         found = refined(case, samples, tell)

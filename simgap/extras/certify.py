@@ -1,4 +1,8 @@
-"""A certificate: what a controller promises and why, in plain files that `checker/` verifies without this package."""
+"""A certificate: what a controller promises and why, in plain files that `checker/` verifies without this package.
+
+Its expressions are lists [operation, argument, ...] that any program can read, a number the hexadecimal form of a
+double ('0x1.8p+0') or a fraction of integers ('1/3'); `docs/how-to/certificate.md` describes the form.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +10,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +31,7 @@ from simgap.geometry import Box
 from simgap.io.atomic import atomic
 from simgap.io.controller_file import load_controller_of
 from simgap.io.gap_file import SavedGap, load_gap
-from simgap.model.expressions import prefix
+from simgap.late import sympy as sp
 from simgap.model.sampled import NominalModel
 from simgap.plants.context import Context
 from simgap.specifications.base import specification_of
@@ -309,3 +314,42 @@ def of_case(case: Path, folder: Path | None = None) -> tuple[Path, Path, Path]:
         if not reading.is_file(path):
             raise UserError("there is no such result", file=path, remedy="Run the case first.")
     return case, gap, controller
+
+
+_OPERATIONS = {"Add": "+", "Mul": "*", "sin": "sin", "cos": "cos", "Abs": "abs", "Min": "min", "Max": "max"}
+
+
+def prefix(e: Any) -> Any:
+    """The expression as nested lists.
+
+    Raises:
+        UserError: for what the form does not have; it would need an enclosure in whatever reads it.
+    """
+    e = sp.sympify(e)
+    if e.is_Symbol:
+        return str(e.name)
+    if e.is_Float:
+        return float(e).hex()
+    if e.is_Rational:
+        return fraction(Fraction(int(e.p), int(e.q)))
+    operation = type(e).__name__
+    if operation in _OPERATIONS and type(e) is getattr(sp, operation):
+        return [_OPERATIONS[operation], *(prefix(part) for part in e.args)]
+    if e.is_Pow:
+        return _prefix_power(e)
+    remedy = f"It has numbers, powers with integers, {', '.join(_OPERATIONS.values())}."
+    raise UserError(f"a certificate has no form for '{type(e).__name__}'", key="plant", remedy=remedy)
+
+
+def fraction(value: Fraction) -> str:
+    """A number as a double where it is one, else as 'p/q'."""
+    nearest = float(value)
+    return nearest.hex() if Fraction(nearest) == value else f"{value.numerator}/{value.denominator}"
+
+
+def _prefix_power(e: sp.Pow) -> Any:
+    n = e.exp
+    if n.is_number and n == int(n) and n != 0:
+        base = prefix(e.base) if abs(int(n)) == 1 else ["^", prefix(e.base), abs(int(n))]
+        return base if n > 0 else ["/", base]
+    raise UserError(f"a certificate has no form for '{e}'", key="plant", remedy="Use powers with integers.")

@@ -21,8 +21,10 @@ MOST = 20_000
 class Monomials(BasisSection):
     """All monomials of the states and inputs up to a total degree, inputs to the first power."""
 
-    kind: Literal["monomials"] = Field("monomials", description="Which basis.")
-    degree: int = Field(2, ge=0, description="Largest total degree; inputs enter linearly.")
+    kind: Literal["monomials"] = "monomials"
+    """Which basis."""
+    degree: int = Field(2, ge=0)
+    """Largest total degree; inputs enter linearly."""
 
     def listed(self, states: Sequence[str], inputs: Sequence[str], domain: Box) -> tuple[str, ...]:
         """From the highest degree to the constant.
@@ -50,8 +52,10 @@ def _monomial(names: Sequence[str], powers: Sequence[int]) -> str:
 class Expressions(BasisSection):
     """The terms as written."""
 
-    kind: Literal["expressions"] = Field("expressions", description="Which basis.")
-    terms: tuple[str, ...] = Field(description="The terms, over states and inputs.")
+    kind: Literal["expressions"] = "expressions"
+    """Which basis."""
+    terms: tuple[str, ...]
+    """The terms, over states and inputs."""
 
     @field_validator("terms", mode="before")
     @classmethod
@@ -72,8 +76,10 @@ class Trigonometric(BasisSection):
     The period is twice the width, so that a term need not return to its first value across X.
     """
 
-    kind: Literal["trigonometric"] = Field("trigonometric", description="Which basis.")
-    harmonics: int = Field(1, ge=1, description="Harmonics along each state axis.")
+    kind: Literal["trigonometric"] = "trigonometric"
+    """Which basis."""
+    harmonics: int = Field(1, ge=1)
+    """Harmonics along each state axis."""
 
     def listed(self, states: Sequence[str], inputs: Sequence[str], domain: Box) -> tuple[str, ...]:
         """State by state, then the inputs and the constant."""
@@ -88,11 +94,12 @@ class Trigonometric(BasisSection):
 class Blocks(BasisSection):
     """A value for each block of X, and for each input or for all of them."""
 
-    kind: Literal["blocks"] = Field("blocks", description="Which basis.")
-    blocks: tuple[int, ...] | None = Field(
-        None, description="Number of blocks along each state axis; without it 8, or as many as the grid has cells."
-    )
-    per_input: bool = Field(True, description="A value for each input (true) or one for all inputs.")
+    kind: Literal["blocks"] = "blocks"
+    """Which basis."""
+    blocks: tuple[int, ...] | None = None
+    """Number of blocks along each state axis; without it 8, or as many as the grid has cells."""
+    per_input: bool = True
+    """A value for each input (true) or one for all inputs."""
 
     def listed(self, states: Sequence[str], inputs: Sequence[str], domain: Box) -> tuple[str, ...]:
         """The constant: what is left of blocks where a bound is linear in expressions."""

@@ -18,10 +18,18 @@ from simgap import plugins, reading
 from simgap.config.case import Case
 from simgap.config.named_files import places_of
 from simgap.errors import Finding, UserError
-from simgap.io.wheeled_urdf import axle, numbers, wheels_of
-from simgap.late import scipy
 from simgap.plants.context import Context
-from simgap.plants.model_file import Link, ModelFile, base_of, read_model_file
+from simgap.plants.model_file import (
+    Link,
+    ModelFile,
+    axle,
+    base_of,
+    numbers,
+    placed_at,
+    read_model_file,
+    wheels_of,
+)
+from simgap.plants.urdf_checks import ends
 from simgap.simulators.base import Engine
 from simgap.simulators.findings import model_file_findings
 from simgap.simulators.process import run_in_processes
@@ -172,22 +180,19 @@ def wheel_fault(urdf: Path, joint: str) -> tuple[str, str] | None:
     if abs(axis[1]) < 1.0 - ALIGNED:
         pointing = ", ".join(f"{v:.2g}" for v in axis)
         return f"joint '{joint}': <axis>", f"It points along {pointing} of the robot; a wheel turns about its y: 0 1 0."
-    child = own.find("child")
-    name = "" if child is None else str(child.get("link"))
+    name = ends(own)[1]
     link = next(part for part in robot.findall("link") if part.get("name") == name)
     shape = link.find("collision/geometry/*")
     if shape is None:
         return f"link '{name}': <collision>", "The wheel has none, so that nothing carries the robot: give it a sphere."
-    origin = link.find("collision/origin")
-    along = scipy.spatial.transform.Rotation.from_euler("xyz", numbers(origin, "rpy", "0 0 0")).apply([0.0, 0.0, 1.0])
-    turning = numbers(own.find("axis"), "xyz", "1 0 0")
+    along = placed_at(link, "collision/origin")[1].apply([0.0, 0.0, 1.0])
+    turning = numbers(own, "axis", "xyz", "1 0 0")
     if shape.tag == "cylinder" and abs(float(np.asarray(along) @ turning)) < 1.0 - ALIGNED:
         return (
             f"link '{name}': <collision><origin> rpy",
             'Its cylinder lies the wrong way, its axis is not the joint\'s: rpy="1.5707963 0 0" for axis 0 1 0.',
         )
-    friction = link.find("contact/lateral_friction")
-    if friction is not None and numbers(friction, "value", "1")[0] == 0.0:
+    if numbers(link, "contact/lateral_friction", "value", "1")[0] == 0.0:
         return f"link '{name}': <lateral_friction>", "A wheel without friction slips: give it 1, and casters 0."
     return None
 

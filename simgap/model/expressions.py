@@ -1,8 +1,6 @@
-"""Expressions that a person writes in a case file: parsed by a whitelist, never evaluated, and written as nested lists.
+"""Expressions that a person writes in a case file: parsed by a whitelist, never evaluated.
 
-The limits below keep what a stranger wrote from taking the machine: each is checked before the work that it bounds. A
-certificate holds expressions as lists [operation, argument, ...] that any program can read, a number as the hexadecimal
-form of a double ('0x1.8p+0') or a fraction of integers ('1/3'); `docs/how-to/certificate.md` describes the form.
+The limits below keep what a stranger wrote from taking the machine: each is checked before the work that it bounds.
 """
 
 from __future__ import annotations
@@ -11,7 +9,6 @@ import ast
 import operator
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from fractions import Fraction
 from typing import Any
 
 from simgap.errors import UserError, excerpt
@@ -186,42 +183,3 @@ def _whole(value: sp.Expr, quoted: str) -> sp.Expr:
     if not numbers or (value.is_number and not _is_finite_real(value)):
         raise UserError(f"{quoted} has a part that is not a finite real number", remedy="Correct it.")
     return value
-
-
-_OPERATIONS = {"Add": "+", "Mul": "*", "sin": "sin", "cos": "cos", "Abs": "abs", "Min": "min", "Max": "max"}
-
-
-def prefix(e: Any) -> Any:
-    """The expression as nested lists.
-
-    Raises:
-        UserError: for what the form does not have; it would need an enclosure in whatever reads it.
-    """
-    e = sp.sympify(e)
-    if e.is_Symbol:
-        return str(e.name)
-    if e.is_Float:
-        return float(e).hex()
-    if e.is_Rational:
-        return fraction(Fraction(int(e.p), int(e.q)))
-    operation = type(e).__name__
-    if operation in _OPERATIONS and type(e) is getattr(sp, operation):
-        return [_OPERATIONS[operation], *(prefix(part) for part in e.args)]
-    if e.is_Pow:
-        return _prefix_power(e)
-    remedy = f"It has numbers, powers with integers, {', '.join(_OPERATIONS.values())}."
-    raise UserError(f"a certificate has no form for '{type(e).__name__}'", key="plant", remedy=remedy)
-
-
-def fraction(value: Fraction) -> str:
-    """A number as a double where it is one, else as 'p/q'."""
-    nearest = float(value)
-    return nearest.hex() if Fraction(nearest) == value else f"{value.numerator}/{value.denominator}"
-
-
-def _prefix_power(e: sp.Pow) -> Any:
-    n = e.exp
-    if n.is_number and n == int(n) and n != 0:
-        base = prefix(e.base) if abs(int(n)) == 1 else ["^", prefix(e.base), abs(int(n))]
-        return base if n > 0 else ["/", base]
-    raise UserError(f"a certificate has no form for '{e}'", key="plant", remedy="Use powers with integers.")

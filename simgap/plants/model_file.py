@@ -1,4 +1,4 @@
-"""A URDF as it is written: numbers of links and joints, to compare with an engine's own, end stops, and the base.
+"""A URDF as it is written: numbers of links and joints, to compare with an engine's own, end stops, base, and wheels.
 
 A URDF has no word for its base: bolted to the world, on wheels or legs, or free. A controller of a quadruped that hangs
 in the air is right for nothing, so `base_of` tells as far as the file shows it.
@@ -6,12 +6,13 @@ in the air is right for nothing, so `base_of` tells as far as the file shows it.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 from xml.etree import ElementTree
 
 import numpy as np
@@ -19,7 +20,18 @@ import numpy as np
 from simgap import reading
 from simgap.arrays import Floats
 from simgap.errors import excerpt
+from simgap.late import scipy
 from simgap.plants.urdf_checks import NUMBERS, attributes, check_urdf, ends, links_moved, mass_of, principal_moments
+
+
+def numbers(part: ElementTree.Element, path: str, key: str, default: str = "0 0 0") -> Floats:
+    """An attribute of several numbers of an element below a link or joint, or what stands for it."""
+    return np.array([float(v) for v in attributes(part, path).get(key, default).split()])
+
+
+def placed_at(part: ElementTree.Element, path: str = "origin") -> tuple[Floats, Any]:
+    """Place (3,) and rotation of what an `<origin>` below a link or joint places."""
+    return numbers(part, path, "xyz"), scipy.spatial.transform.Rotation.from_euler("xyz", numbers(part, path, "rpy"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,8 +101,7 @@ def read_model_file(path: Path, check: Callable[[Path], None] = check_urdf) -> M
 
 
 def _link(link: ElementTree.Element) -> Link:
-    com = attributes(link, "inertial/origin").get("xyz", "0 0 0")
-    return Link(mass_of(link), principal_moments(link), np.array([float(v) for v in com.split()]))
+    return Link(mass_of(link), principal_moments(link), numbers(link, "inertial/origin", "xyz"))
 
 
 def _joint(joint: ElementTree.Element, geared: set[str]) -> FileJoint:
@@ -225,3 +236,59 @@ def _moving(robot: ElementTree.Element) -> list[_Joint]:
 def _named(joints: list[_Joint]) -> str:
     names = [f"'{excerpt(j.name, 40)}'" for j in joints]
     return ", ".join(names[:4]) + (" ..." if len(names) > 4 else "")
+
+
+SAME = 1e-6
+"""Up to which places and directions are the same, m and 1: rounding of rpy in files is far less for right angles."""
+
+
+@dataclass(frozen=True)
+class WheelPair:
+    """A left and a right wheel (joints), by the convention that a robot looks along x; radius and track, m."""
+
+    left: str
+    right: str
+    radius: float
+    track: float
+
+
+def wheels_of(urdf: Path) -> WheelPair | None:
+    """The two wheels of a robot that stands on them: None for any other.
+
+    They are `continuous` joints of one link that turn about one horizontal axis, at mirrored places along it, each with
+    a round collision shape. A robot that is welded to a link `world` does not drive.
+    """
+    robot = reading.read_xml(urdf)
+    if any(link.get("name") == "world" for link in robot.findall("link")):
+        return None
+    radii = {str(link.get("name")): _radius(link) for link in robot.findall("link")}
+    turning = [j for j in robot.findall("joint") if j.get("type") == "continuous"]
+    pairs = [found for a, b in itertools.combinations(turning, 2) if (found := _pair(a, b, radii)) is not None]
+    return pairs[0] if len(pairs) == 1 else None
+
+
+def _pair(a: ElementTree.Element, b: ElementTree.Element, radii: dict[str, float | None]) -> WheelPair | None:
+    (parent, child), (others_parent, others_child) = ends(a), ends(b)
+    own, other = radii.get(child), radii.get(others_child)
+    if parent != others_parent or own is None or other is None or abs(own - other) > SAME:
+        return None
+    (place, axis), (there, along) = axle(a), axle(b)
+    apart = place - there
+    track = abs(float(axis @ apart))
+    mirrored = np.abs(apart - (axis @ apart) * axis).max() <= SAME and abs(float(axis @ (place + there))) <= SAME
+    if not mirrored or track <= SAME or abs(axis[2]) > SAME or abs(abs(float(axis @ along)) - 1.0) > SAME:
+        return None
+    left, right = (a, b) if place[1] > there[1] else (b, a)
+    return WheelPair(str(left.get("name")), str(right.get("name")), own, track)
+
+
+def axle(joint: ElementTree.Element) -> tuple[Floats, Floats]:
+    """Place (3,) and direction (3,) of a joint's axis, in the frame of its parent."""
+    place, turned = placed_at(joint)
+    return place, np.asarray(turned.apply(numbers(joint, "axis", "xyz", "1 0 0")))
+
+
+def _radius(link: ElementTree.Element) -> float | None:
+    """Radius of a link's collision shape if it is a cylinder or a sphere."""
+    shape = next((shape for kind in _ROUND if (shape := link.find(kind)) is not None), None)
+    return None if shape is None else float(shape.get("radius", "nan"))

@@ -27,21 +27,17 @@ from simgap.simulators.commands import with_commands
 class EquationsSettings(EngineSection):
     """Equations of motion with an integrator of their own: a simulator whose gap is proven, not sampled."""
 
-    engine: Literal["equations"] = Field("equations", description="Which engine.")
-    equations: SymbolicPlant | None = Field(
-        None, description="The dynamics over the plant's states and inputs; the plant's own, as declared, if not given."
-    )
-    integrator: Integrator = Field(
-        description="How they are discretised: semi_implicit_euler (as PyBullet), explicit_euler, rk4 or exact_arc."
-    )
-    parameters: dict[str, float] = Field(
-        default_factory=dict, description="Other values of parameters that the equations name."
-    )
-    slopes: Literal["enclosed", "sampled"] = Field(
-        "enclosed",
-        description="enclosed: the gap is bounded from the expressions, and nothing is estimated. sampled: as that of "
-        "any other engine; for many substeps, whose expressions are too large.",
-    )
+    engine: Literal["equations"] = "equations"
+    """Which engine."""
+    equations: SymbolicPlant | None = None
+    """The dynamics over the plant's states and inputs; the plant's own, as declared, if not given."""
+    integrator: Integrator
+    """How they are discretised: semi_implicit_euler (as PyBullet), explicit_euler, rk4 or exact_arc."""
+    parameters: dict[str, float] = Field(default_factory=dict)
+    """Other values of parameters that the equations name."""
+    slopes: Literal["enclosed", "sampled"] = "enclosed"
+    """enclosed: the gap is bounded from the expressions, and nothing is estimated. sampled: as that of any other
+    engine; for many substeps, whose expressions are too large."""
 
     OPTIONAL: ClassVar[tuple[str, ...]] = (*EngineSection.OPTIONAL, "parameters", "slopes")
 

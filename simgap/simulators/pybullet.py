@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import Field
 
 from simgap.arrays import Floats
 from simgap.config.simulator import Damping, EngineSection
@@ -33,11 +32,12 @@ from simgap.simulators.wheeled import WheeledEngine, WheeledPlant, WheeledSettin
 class PyBulletSettings(EngineSection):
     """PyBullet over the plant's URDF: joints driven by torques, default motors off."""
 
-    engine: Literal["pybullet"] = Field("pybullet", description="Which engine.")
-    inertia: Literal["engine", "file"] = Field(
-        description="engine: PyBullet's default, which ignores the URDF's inertia; file: the URDF's inertia."
-    )
-    damping: Damping = Field(Damping(), description="Damping that the engine adds on its own.")
+    engine: Literal["pybullet"] = "pybullet"
+    """Which engine."""
+    inertia: Literal["engine", "file"]
+    """engine: PyBullet's default, which ignores the URDF's inertia; file: the URDF's inertia."""
+    damping: Damping = Damping()
+    """Damping that the engine adds on its own."""
 
 
 class PyBulletJoints(JointEngine):

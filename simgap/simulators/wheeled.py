@@ -82,29 +82,35 @@ def wheel_path(effects: Sequence[AddedEffect]) -> WheelPath:
 class WheeledSettings(EngineSection):
     """PyBullet over a differential-drive URDF: wheels in contact with a floor, torque-limited velocity motors."""
 
-    engine: Literal["pybullet_wheeled"] = Field("pybullet_wheeled", description="Which engine.")
-    urdf: str = Field(
-        description="Model file, relative to the case file; its root, midway between the wheels, has mass and inertia."
-    )
-    left: str = Field("left_wheel", description="Joint of the left wheel.")
-    right: str = Field("right_wheel", description="Joint of the right wheel.")
-    wheel_radius: float = Field(gt=0, description="Radius that turns speeds into wheel speeds, m.")
-    track: float = Field(gt=0, description="Distance between the wheels that does so, m.")
-    torque: float = Field(gt=0, description="Largest torque of a wheel motor, N m.")
-    floor_friction: float = Field(gt=0, description="Friction coefficient of the floor (times that of the tyre).")
-    payload: float = Field(0.0, ge=0, description="Mass added to the base, its inertia scaled alike, kg.")
-    substeps: int = Field(100, ge=1, description="Engine steps within tau.")
-    poses: int = Field(20, ge=1, description="Poses recorded within tau, evenly spaced; divides substeps.")
-    solver_iterations: int = Field(
-        100,
-        ge=1,
-        description="Most iterations of the contact solver an engine step, in PyBullet where its direct solver finds "
-        "no solution; too few make turns differ between headings: friction is solved along the axes of the world.",
-    )
-    settle: float = Field(0.5, ge=0, description="Time at rest after loading, before the rest state is saved, s.")
-    effects: tuple[AddedEffect, ...] = Field(
-        (), description="Effects on the commands, delay and lag among them, and on the wheels' speeds."
-    )
+    engine: Literal["pybullet_wheeled"] = "pybullet_wheeled"
+    """Which engine."""
+    urdf: str
+    """Model file, relative to the case file; its root, midway between the wheels, has mass and inertia."""
+    left: str = "left_wheel"
+    """Joint of the left wheel."""
+    right: str = "right_wheel"
+    """Joint of the right wheel."""
+    wheel_radius: float = Field(gt=0)
+    """Radius that turns speeds into wheel speeds, m."""
+    track: float = Field(gt=0)
+    """Distance between the wheels that does so, m."""
+    torque: float = Field(gt=0)
+    """Largest torque of a wheel motor, N m."""
+    floor_friction: float = Field(gt=0)
+    """Friction coefficient of the floor (times that of the tyre)."""
+    payload: float = Field(0.0, ge=0)
+    """Mass added to the base, its inertia scaled alike, kg."""
+    substeps: int = Field(100, ge=1)
+    """Engine steps within tau."""
+    poses: int = Field(20, ge=1)
+    """Poses recorded within tau, evenly spaced; divides substeps."""
+    solver_iterations: int = Field(100, ge=1)
+    """Most iterations of the contact solver an engine step, in PyBullet where its direct solver finds no solution; too
+    few make turns differ between headings: friction is solved along the axes of the world."""
+    settle: float = Field(0.5, ge=0)
+    """Time at rest after loading, before the rest state is saved, s."""
+    effects: tuple[AddedEffect, ...] = ()
+    """Effects on the commands, delay and lag among them, and on the wheels' speeds."""
 
     def between_poses(self, tau: float, gravity: float) -> float:
         """a t^2 / 8 for the largest acceleration that the tyres can give, over the time between two poses."""

@@ -149,16 +149,12 @@ RADIUS = 0.15
 class Arena(Specification):
     """Move in an arena without touching obstacles, between samples too."""
 
-    arena: dict[str, Interval] = Field(
-        default_factory=dict, description="For each state the interval never to leave; states not named keep all of X."
-    )
-    obstacles: tuple[dict[str, Interval], ...] = Field(
-        (), description="Boxes to avoid; an obstacle holds for all values of the states it does not name."
-    )
-    clearance: dict[str, NotNegative] = Field(
-        default_factory=dict,
-        description="For a state, how far to keep from walls and obstacles (half the footprint), in its unit.",
-    )
+    arena: dict[str, Interval] = Field(default_factory=dict)
+    """For each state the interval never to leave; states not named keep all of X."""
+    obstacles: tuple[dict[str, Interval], ...] = ()
+    """Boxes to avoid; an obstacle holds for all values of the states it does not name."""
+    clearance: dict[str, NotNegative] = Field(default_factory=dict)
+    """For a state, how far to keep from walls and obstacles (half the footprint), in its unit."""
 
     between_samples: ClassVar[bool] = True
 

@@ -20,10 +20,10 @@ from simgap.specifications.space import Space, inner_box, unbounded
 class Invariance(Specification):
     """Stay in the safe set for ever, at the sampling instants."""
 
-    kind: Literal["invariance"] = Field(description="Stay in the safe set for ever.")
-    safe: dict[str, Interval] = Field(
-        default_factory=dict, description="For each state the interval to stay in; states not named keep all of X."
-    )
+    kind: Literal["invariance"]
+    """Stay in the safe set for ever."""
+    safe: dict[str, Interval] = Field(default_factory=dict)
+    """For each state the interval to stay in; states not named keep all of X."""
 
     on_true_cells: ClassVar[bool] = True
     words: ClassVar[Words] = Words(

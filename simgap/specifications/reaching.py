@@ -123,7 +123,8 @@ NOT_FREE = "every cell of the target is inside an obstacle or too near to one or
 class Reaching(Arena):
     """Reach a box without touching others."""
 
-    target: dict[str, Interval] = Field(min_length=1, description="The box to reach; states not named are free.")
+    target: dict[str, Interval] = Field(min_length=1)
+    """The box to reach; states not named are free."""
 
     then: ClassVar[str] = ""
     """Words that its sentence adds after naming the target."""
@@ -218,7 +219,8 @@ REACHED, BESIDE = "reached the target", "ended beside the target"
 class ReachAvoid(Reaching):
     """Reach the target and avoid the obstacles until then; a run ends in the target."""
 
-    kind: Literal["reach_avoid"] = Field(description="Reach the target and avoid the obstacles until then.")
+    kind: Literal["reach_avoid"]
+    """Reach the target and avoid the obstacles until then."""
 
     swept_boxes: ClassVar[bool] = True
     holds: ClassVar[bool] = False
@@ -276,7 +278,8 @@ STAYED, LEFT = "reached the target and stayed", "left the target again"
 class ReachAndStay(Reaching):
     """Reach the target, avoid the obstacles, and stay in the target for ever after."""
 
-    kind: Literal["reach_and_stay"] = Field(description="Reach the target, avoid the obstacles, stay in the target.")
+    kind: Literal["reach_and_stay"]
+    """Reach the target, avoid the obstacles, stay in the target."""
 
     then: ClassVar[str] = ", stay there for ever"
     words: ClassVar[Words] = Words(

@@ -61,16 +61,14 @@ DONE, BROKEN, KEPT, LATE = "done", "broke the task", "kept the task", "no progre
 class Task(Arena):
     """Keep a formula over regions."""
 
-    kind: Literal["task"] = Field(description="Keep a formula of temporal logic over named regions.")
-    formula: str = Field(
-        description="Over names of regions, with ! & | -> X F G U W R and deadlines such as F[<= 40 s] a: co-safety, "
-        "safety, G of co-safety (G F a), and F G of regions beside G of regions."
-    )
-    regions: dict[str, Region | tuple[Region, ...]] = Field(
-        min_length=1,
-        description="By name a box (intervals of states; those not named are free), an inequality such as "
-        "'x^2 + y^2 <= 4', or a list of these: their union.",
-    )
+    kind: Literal["task"]
+    """Keep a formula of temporal logic over named regions."""
+    formula: str
+    """Over names of regions, with ! & | -> X F G U W R and deadlines such as F[<= 40 s] a: co-safety, safety, G of
+    co-safety (G F a), and F G of regions beside G of regions."""
+    regions: dict[str, Region | tuple[Region, ...]] = Field(min_length=1)
+    """By name a box (intervals of states; those not named are free), an inequality such as 'x^2 + y^2 <= 4', or a list
+    of these: their union."""
 
     swept_boxes: ClassVar[bool] = True
     words: ClassVar[Words] = Words(

@@ -16,11 +16,11 @@ import pytest
 
 from simgap.config.gap import GapSection, LipschitzSection
 from simgap.errors import UserError
-from simgap.extras.certify import Certified, write_certificate
+from simgap.extras.certify import Certified, prefix, write_certificate
 from simgap.gap.bases import Expressions
 from simgap.gap.bounds.closed_form import ClosedFormGap
 from simgap.geometry import Box, Grid
-from simgap.model.expressions import parse, prefix
+from simgap.model.expressions import parse
 from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import symbol
 from simgap.specifications.invariance import Invariance

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from simgap.errors import UserError
-from simgap.gap.resolution import COUNTS, LINES, POINTS, at_count, counts_for, movement, random_lines, refine
+from simgap.extras.refine import COUNTS, LINES, POINTS, at_count, counts_for, movement, random_lines, refine
 from simgap.geometry import Box
 
 BOX, INPUTS = Box([-1.0, -2.0, 0.0], [1.0, 2.0, 1.0]), np.array([[-1.0], [1.0]])

@@ -6,9 +6,10 @@ import pytest
 
 from simgap import effects, plugins
 from simgap.diagnosis.simulation.supermodel import build_supermodel
+from simgap.extras.engines.mujoco_wheeled import MuJoCoWheeled
 from simgap.model.symbolic import symbol
 from simgap.simulators.equations import EquationsEngine
-from simgap.simulators.mujoco import MuJoCoJoints, MuJoCoWheeled
+from simgap.simulators.mujoco import MuJoCoJoints
 from simgap.stages.effects import listed, printed
 from tests.effects.plants import unicycle
 from tests.undeclared.plant import pendulum

@@ -8,7 +8,7 @@ import pytest
 
 from simgap.config.load import case_content, parse_case
 from simgap.errors import UserError
-from simgap.simulators.mujoco import MuJoCoWheeled
+from simgap.extras.engines.mujoco_wheeled import MuJoCoWheeled
 from simgap.simulators.pybullet import PyBulletWheeled
 from simgap.simulators.wheeled import wheeled_plant
 from simgap.stages import check

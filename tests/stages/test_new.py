@@ -18,10 +18,9 @@ from simgap.extras.wizard.joints import axes_of, centre_of, drives, needed_input
 from simgap.extras.wizard.propose import Numbers
 from simgap.gap.sampling.points import covering_grid, own_point
 from simgap.io.controller_file import load_controller
-from simgap.io.wheeled_urdf import wheels_of
 from simgap.lint.gap import find_stuck_joints
 from simgap.plants.context import Context
-from simgap.plants.model_file import read_model_file
+from simgap.plants.model_file import read_model_file, wheels_of
 from simgap.stages import check, fresh, synthesis
 from tests.stages import road
 

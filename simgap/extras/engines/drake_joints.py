@@ -7,7 +7,6 @@ from importlib import metadata
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import Field
 
 from simgap.arrays import Floats
 from simgap.config.simulator import EngineSection
@@ -21,13 +20,12 @@ from simgap.simulators.joints import JointEngine, JointPlant
 class DrakeSettings(EngineSection):
     """Drake's discrete `MultibodyPlant` over the plant's URDF: stops of joints and contact by its convex solver."""
 
-    engine: Literal["drake"] = Field("drake", description="Which engine.")
-    contact: bool = Field(
-        True, description="Whether links touch each other and what the file fixes to the world; no neighbours do."
-    )
-    approximation: Literal["sap", "similar", "lagged", "tamsi"] = Field(
-        "lagged", description="Drake's approximation of contact (set_discrete_contact_approximation)."
-    )
+    engine: Literal["drake"] = "drake"
+    """Which engine."""
+    contact: bool = True
+    """Whether links touch each other and what the file fixes to the world; no neighbours do."""
+    approximation: Literal["sap", "similar", "lagged", "tamsi"] = "lagged"
+    """Drake's approximation of contact (set_discrete_contact_approximation)."""
 
 
 class DrakeJoints(JointEngine):

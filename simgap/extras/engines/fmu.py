@@ -236,18 +236,17 @@ STARTS = 1e-9
 class FmuSettings(EngineSection):
     """An FMU for co-simulation, as Simulink, Modelica tools and many others export it; it is code with your rights."""
 
-    engine: Literal["fmu"] = Field("fmu", description="Which engine.")
-    fmu: str = Field(description="The .fmu file, relative to the case file: FMI 2 or 3 with co-simulation.")
-    variables: dict[str, str] = Field(
-        default_factory=dict,
-        description="For a state or input the variable of the FMU that it is; its own name where none is given.",
-    )
-    starts: dict[str, str] = Field(
-        default_factory=dict,
-        description="For a state the variable that sets where it begins, such as a parameter q_start; the state's own "
-        "variable where none is given.",
-    )
-    parameters: dict[str, float] = Field(default_factory=dict, description="Values of other variables, by their names.")
+    engine: Literal["fmu"] = "fmu"
+    """Which engine."""
+    fmu: str
+    """The .fmu file, relative to the case file: FMI 2 or 3 with co-simulation."""
+    variables: dict[str, str] = Field(default_factory=dict)
+    """For a state or input the variable of the FMU that it is; its own name where none is given."""
+    starts: dict[str, str] = Field(default_factory=dict)
+    """For a state the variable that sets where it begins, such as a parameter q_start; the state's own variable where
+    none is given."""
+    parameters: dict[str, float] = Field(default_factory=dict)
+    """Values of other variables, by their names."""
 
     @model_validator(mode="after")
     def _announced(self, info: ValidationInfo) -> FmuSettings:

@@ -19,10 +19,9 @@ from simgap.extras.wizard.joints import centre_of, check_positions, named_joints
 from simgap.extras.wizard.mjcf_as_urdf import compiled, origin_of, written
 from simgap.io.atomic import write_text
 from simgap.io.model_export import write_inertial
-from simgap.io.wheeled_urdf import numbers
 from simgap.late import scipy
 from simgap.model.tree import Tree
-from simgap.plants.model_file import FileJoint, ModelFile, base_of, read_model_file
+from simgap.plants.model_file import FileJoint, ModelFile, base_of, numbers, placed_at, read_model_file
 from simgap.plants.urdf import load_tree
 from simgap.plants.urdf_checks import check_bodies, check_structure, check_urdf, inside_folders, root_link
 
@@ -96,9 +95,7 @@ def _place(joint: ElementTree.Element, at: Mapping[str, float]) -> float:
 
 
 def _lock(joint: ElementTree.Element, position: float) -> None:
-    origin, axis = joint.find("origin"), numbers(joint.find("axis"), "xyz", "1 0 0")
-    place = numbers(origin, "xyz", "0 0 0")
-    turned = scipy.spatial.transform.Rotation.from_euler("xyz", numbers(origin, "rpy", "0 0 0"))
+    (place, turned), axis = placed_at(joint), numbers(joint, "axis", "xyz", "1 0 0")
     if joint.get("type") == "prismatic":
         place = place + turned.apply(position * axis)
     else:

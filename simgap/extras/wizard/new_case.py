@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from simgap import reading
 from simgap.config.load import load_case, parse_case, plain_content
 from simgap.errors import UserError, excerpt, placed
 from simgap.extras.wizard.driven_arm import Proposal, rounded, step_of
@@ -21,8 +22,7 @@ from simgap.extras.wizard.proposal import SECONDS
 from simgap.extras.wizard.propose import TIMES, cells_along, numbers, shown
 from simgap.io.atomic import write_text
 from simgap.io.pages import text
-from simgap.io.wheeled_urdf import WheelPair, case_of_wheels, wheels_of
-from simgap.plants.model_file import ModelFile
+from simgap.plants.model_file import ModelFile, WheelPair, wheels_of
 from simgap.plants.urdf import MOST_DERIVED
 from simgap.plants.urdf_checks import check_structure, check_urdf, root_link
 from simgap.reading import relative
@@ -100,7 +100,13 @@ def _of_file(urdf: Path | None, mjcf: Path | None, asked: Asked) -> str:
     return content
 
 
+SPEEDS_UP, LIGHTEST, BEYOND = 1.4, 0.1, 0.05
+"""Acceleration that two wheels give the robot, m/s^2 (that of the Pioneer of configs/cases), the mass of one whose file
+states none, kg, and what is beyond its wheels, m. Judgement."""
+
+
 def _of_wheels(urdf: Path, wheels: WheelPair, asked: Asked) -> str:
+    """A case for that robot: its wheels as the file says, a floor with one obstacle, commands of a slow robot."""
     for key, given in (("--inputs", asked.inputs), ("--joints", asked.joints), ("--at", asked.at)):
         if given:
             raise UserError(
@@ -112,7 +118,18 @@ def _of_wheels(urdf: Path, wheels: WheelPair, asked: Asked) -> str:
         f"A robot on two driven wheels, '{wheels.left}' and '{wheels.right}': edit floor, obstacle, speeds and "
         "clearance. With --base fixed the wheels are taken as joints."
     )
-    return case_of_wheels(asked.place.name, urdf, relative(urdf, asked.place.parent), wheels)
+    robot = reading.read_xml(urdf)
+    mass = sum(float(m.get("value", "0")) for m in robot.iterfind("link/inertial/mass"))
+    limits = [j.find("limit") for j in robot.findall("joint") if j.get("name") in (wheels.left, wheels.right)]
+    efforts = [float(own.get("effort", "0")) for own in limits if own is not None]
+    wanted = 0.5 * SPEEDS_UP * max(mass, LIGHTEST) * wheels.radius
+    torque = min([wanted, *(e for e in efforts if e > 0)])
+    return text(
+        "new_wheels.yaml.j2", name=asked.place.name, urdf=relative(urdf, asked.place.parent), left=wheels.left,
+        right=wheels.right, radius=f"{wheels.radius:.6g}", track=f"{wheels.track:.6g}", mass=f"{mass:.3g}",
+        torque=f"{torque:.2g}", limited=torque < wanted,
+        clearance=f"{0.5 * wheels.track + wheels.radius + BEYOND:.2g}",
+    )  # fmt: skip
 
 
 def _of_joints(model: NewModel, asked: Asked) -> str:

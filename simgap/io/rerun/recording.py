@@ -21,6 +21,7 @@ from simgap.io.atomic import write_bytes
 from simgap.io.figure_style import COLOURS
 from simgap.io.traces import EVERY_TITLE, MODEL, SIMULATOR, TITLES, Trace, twin
 from simgap.late import rerun as rr
+from simgap.plants.model_file import numbers
 from simgap.synthesis.controller import Controller
 
 SERIES = (("#56B4E9", "light blue"), ("#CC79A7", "pink"), ("#009E73", "green"), ("#F0E442", "yellow"))
@@ -226,9 +227,7 @@ def _limits(recording: Any, content: Content, scene: JointScene, prefix: str, of
 
 def _reach(tree: Any, link: str) -> Floats:
     """Twice the centre of the link's visual, in the link's frame: where its far end is."""
-    origin = tree.find(f"./link[@name='{link}']/visual/origin")
-    text = origin.get("xyz", "0 0 0") if origin is not None else "0 0 0"
-    return 2.0 * np.array([float(v) for v in text.split()])
+    return 2.0 * numbers(tree, f"./link[@name='{link}']/visual/origin", "xyz")
 
 
 def _rotated(axis: Floats, angle: float, v: Floats) -> Floats:
