@@ -11,9 +11,9 @@ from simgap.gap.bounds.function import GapDomain
 from simgap.gap.bounds.previous import PreviousClasses
 from simgap.geometry import Box, Grid
 from simgap.model.sampled import NominalModel
+from simgap.specifications.arena import Surroundings
 from simgap.specifications.base import Run
 from simgap.specifications.invariance import Inside
-from simgap.specifications.arena import Surroundings
 from simgap.specifications.reaching import Arriving
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
