@@ -128,7 +128,9 @@ def _loop(m: Material) -> dict[str, Any]:
             m.controllers, m.traces, context.units, surroundings(context), specification_of(context.case).words.violated
         )
     elif len(context.states) == 3:
-        out["domains"] = cells.domain_slices_figure(m.controllers[GAP_AWARE], context.units)
+        out["domains"] = cells.domain_slices_figure(
+            m.controllers[GAP_AWARE], context.units, specification_of(context.case).words.goal
+        )
     if isinstance(where, PlanarScene):
         draw_floor = surroundings(context, where.axes[:2])
         out["trajectories"] = runs.arena_figure(where, m.traces, context.units, context.states, draw_floor)

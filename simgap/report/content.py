@@ -409,13 +409,15 @@ def _at_most(n: int, bad: int) -> str:
 
 def _arrival(m: Material) -> str:
     """When the target is reached at the latest, promised and seen."""
-    steps, tau = m.validation["controllers"][GAP_AWARE][SIMULATOR].get("steps_to_target"), m.context.domain.tau
-    promised = tables.promised_steps(m)
-    if not steps or promised is None:
+    tally, tau = m.validation["controllers"][GAP_AWARE][SIMULATOR], m.context.domain.tau
+    promised, steps, rounds = tables.promised_steps(m), tally.get("steps_to_target"), tally.get("rounds")
+    if promised is None or not (steps or rounds):
         return ""
+    seen = f"its longest run here took {max(steps) * tau:g} s" if steps else ""
+    seen = seen or f"its runs here completed {min(rounds):,} to {max(rounds):,} rounds"
     return (
-        f"The gap-aware controller promises the target within {promised * tau:g} s from every winning state, whatever "
-        f"the gap does within gamma; its longest run here took {max(steps) * tau:g} s."
+        f"The gap-aware controller promises {specification_of(m.context.case).words.goal} within {promised * tau:g} s "
+        f"from every winning state, whatever the gap does within gamma; {seen}."
     )
 
 

@@ -201,10 +201,16 @@ class Arena(Specification):
         """The arena along the states that it names."""
         return partial_box(self.arena, space.states)
 
+    def avoiding(self) -> str:
+        """' and avoid 2 obstacles', empty where there are none."""
+        count = len(self.obstacles)
+        return f" and avoid {count} obstacle{'' if count == 1 else 's'}" if count else ""
+
     def clear_of(self, space: Space) -> str:
-        """', clear of them and of the walls by ...', empty without a clearance."""
+        """', clear of ... walls by ...', empty without a clearance."""
         distances = [f"{space.quantity(name, value)} in {name}" for name, value in self.clearance.items()]
-        return ", clear of them and of the walls by " + ", ".join(distances) if distances else ""
+        what = "them and of the walls" if self.obstacles else "the walls"
+        return f", clear of {what} by " + ", ".join(distances) if distances else ""
 
     def plane(self, space: Space) -> Plane | None:
         """Arena and obstacles on the floor of a body that drives."""

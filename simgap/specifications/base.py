@@ -237,6 +237,8 @@ class Words(Section):
     """Legend of a run's last state where it breaks the specification."""
     failed: str = "failed"
     """The same in the past tense, in a sentence: 'the controller never ...', '... in 289 of 980 runs'."""
+    goal: str = "the target"
+    """'... promises ... within 3 s from every winning state', 'worst-case steps to ...'."""
     limits: str = "region"
     """Set to which the ends belong that are drawn beside each state: 'the safe set'."""
 

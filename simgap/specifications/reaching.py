@@ -195,9 +195,7 @@ class Reaching(Arena):
     def sentence(self, space: Space) -> str:
         """'reach ... and avoid ...'."""
         target = ", ".join(space.interval(name, ends) for name, ends in self.target.items())
-        count = len(self.obstacles)
-        avoiding = f" and avoid {count} obstacle{'' if count == 1 else 's'}" if count else ""
-        return f"reach {target}{self.then}{avoiding}{self.clear_of(space)}"
+        return f"reach {target}{self.then}{self.avoiding()}{self.clear_of(space)}"
 
     def plane(self, space: Space) -> Plane | None:
         """Arena, obstacles and target on the floor of a body that drives."""

@@ -79,6 +79,7 @@ class Task(Arena):
         promise="keeps the task",
         violated="breaks the task or touches something",
         failed="broke the task",
+        goal="progress of the task",
         limits="arena",
     )
 
@@ -155,7 +156,7 @@ class Task(Arena):
     def sentence(self, space: Space) -> str:
         """'keep "G F a" with ...'."""
         named = "; ".join(f"{name}: {self._told(space, name)}" for name in sorted(regions(self._read(space))))
-        return f"keep '{self.formula}' ({named}){self.clear_of(space)}"
+        return f"keep '{self.formula}' ({named}){self.avoiding()}{self.clear_of(space)}"
 
     def _told(self, space: Space, name: str) -> str:
         return " or ".join(
@@ -312,8 +313,6 @@ class Watching(Monitor):
         near = min((o.figures["clearance"] for o in outcomes), default=np.inf)
         key = "least_clearance" if self.surroundings.round else "least_clearance_in_widths_of_X"
         kept = [o for o in outcomes if o.kept]
-        return {
-            "steps_to_done": [o.steps for o in kept if o.figures["done"]],
-            "good_moves": [int(o.figures["rounds"]) for o in kept],
-            key: near,
-        }
+        again = self.automaton.done < 0 and not self.automaton.persists
+        counted = {"rounds": [int(o.figures["rounds"]) for o in kept]} if again else {}
+        return {"steps_to_target": [o.steps for o in kept if o.figures["done"]], **counted, key: near}

@@ -108,7 +108,7 @@ def _run(axis: Any, trace: Trace, colour: str, violated: str) -> None:
         axis.plot(*trace.x[-1, :2], "X", label=violated, **cross)
 
 
-def domain_slices_figure(controller: Controller, units: Mapping[str, str]) -> Any:
+def domain_slices_figure(controller: Controller, units: Mapping[str, str], goal: str) -> Any:
     """Winning domain over the first two states at `SLICES` values of the third, shaded by steps to the target.
 
     White cells lose; without a value function all winning cells have one shade.
@@ -118,7 +118,7 @@ def domain_slices_figure(controller: Controller, units: Mapping[str, str]) -> An
     shades = np.where(solution.winning, 0 if field is None else field, -1).reshape(grid.cells).astype(float)
     layers = np.unique((np.arange(SLICES) * grid.cells[2]) // SLICES).tolist()
     look: dict[str, Any] = {"cmap": "viridis_r", "vmin": 0.0, "vmax": max(1.0, float(shades.max()))}
-    label = "worst-case steps to the target" if field is not None else ""
+    label = f"worst-case steps to {goal}" if field is not None else ""
     return layer_maps(grid, np.ma.masked_less(shades, 0.0), layers, (controller.states, units), label, **look)[0]
 
 

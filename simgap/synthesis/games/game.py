@@ -154,7 +154,7 @@ class NodeGame:
         if any(a.swept is not None for a in boxes):
             raise BrokenPromise("swept boxes are not checked where a set is held", "Let the clearance cover them.")
         nodes = safe.reshape(self.grid.size, -1, len(self.boxes) if safe.size > self.grid.size else 1)
-        safe = nodes.any(axis=(1, 2))
+        safe = np.asarray(np.any(nodes, axis=(1, 2)))
         inside, mask, statistics = self._held(boxes, safe, np.moveaxis(nodes, 2, 0))
         repeats = len(self.boxes) // len(boxes)
         acting = None
