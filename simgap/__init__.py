@@ -19,9 +19,11 @@ if TYPE_CHECKING:
     from simgap.io.controller_file import export_controller, load_controller
     from simgap.io.model_export import export_model
     from simgap.plants.plant_model import load_plant
+    from simgap.shield import Shield
 
 __all__ = [
     "BrokenPromise",
+    "Shield",
     "UserError",
     "check",
     "diagnose",
@@ -37,6 +39,7 @@ __all__ = [
 ]
 _ROOMS = {
     "BrokenPromise": "errors",
+    "Shield": "shield",
     "UserError": "errors",
     "export_controller": "io.controller_file",
     "export_model": "io.model_export",

@@ -73,6 +73,7 @@ GROUPS: Mapping[str, Mapping[str, Command]] = {
         "times": Command("simgap.cli.tools:times"),
         "why": Command("simgap.cli.tools:why"),
         "replay": Command("simgap.cli.tools:replay"),
+        "shield": Command("simgap.cli.tools:shield"),
     },
     "Stages, which `simgap run` calls in order": {
         "grid": _stage(

@@ -80,6 +80,28 @@ def replay(
     say(stage.run(witness, out))
 
 
+def shield(
+    what: Annotated[Path, typer.Argument(help="Case file, or its folder in results/.", show_default=False)],
+    policy: Annotated[
+        str, typer.Option(help="my.py:policy, a function of the measured state that gives the input; or random.")
+    ] = "random",
+    runs: Annotated[int, typer.Option(min=1, help="How many.")] = 100,
+    controller: Annotated[Path | None, typer.Option(help="controller.npz, if it is elsewhere.")] = None,
+    bound: Annotated[Path | None, typer.Option("--gap", help="gap.json, if it is elsewhere.")] = None,
+    as_json: AsJson = False,
+    log: Log = None,
+) -> None:
+    """Run a policy in the simulator of a case, alone and through the controller's shield, and count violations."""
+    from simgap.extras import shield as stage
+
+    start_log(log)
+    found = stage.run(what, policy, runs, controller, bound, log)
+    if as_json:
+        say_json(found)
+    else:
+        say(stage.text(found))
+
+
 def paper(
     folder: Annotated[Path, typer.Argument(help="Folder with the paper's cases and printed.yaml.")],
     pendulum: Annotated[Path, typer.Option(help="Case whose simulator is PyBullet with its default inertia.")],

@@ -137,14 +137,14 @@ class FunctionFile:
     name: str
 
     @staticmethod
-    def find(named: str, folder: Path) -> FunctionFile:
-        """The function that `file.py:name` means for a case in `folder`.
+    def find(named: str, folder: Path, key: str = KEY) -> FunctionFile:
+        """The function that `file.py:name` means for a case in `folder`; `key` is where it is named.
 
         Raises:
             UserError: another form of name, a file that is missing, broken or outside the folder, or that does not
                 hold the function.
         """
-        with placed(key=KEY):
+        with placed(key=key):
             file, _, name = named.rpartition(":")
             if not file.endswith(".py") or not name.isidentifier():
                 remedy = "Write file.py:name, such as my_sim.py:step."

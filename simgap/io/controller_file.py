@@ -2,7 +2,8 @@
 
 The .npz has equal bytes for equal controllers, and nothing in it is believed when it is read. Both exports look a cell
 up as `Grid.finder` does, with the same operations on doubles in the same order, and hold the input that the
-controller's rule picks in each cell. What they promise is what the controller promises, of the measured state in the
+controller's rule picks in each cell; where the sets of admissible inputs are few enough, also those, and a shield as
+`simgap.shield` has it. What they promise is what the controller promises, of the measured state in the
 units of the case; they say -1 (Python: raise) where it has no input.
 """
 
@@ -381,6 +382,10 @@ def _content(c: Controller, name: str) -> dict[str, Any]:
     """Values for both templates."""
     task = c.progress
     kinds, box = np.zeros(len(c.input_set), dtype=np.int64) if c.kind is None else c.kind, c.grid.box
+    choice, admitted, sets = c.choice, np.empty((0, 0), np.uint8), _sets(c)
+    if sets is not None:
+        choice, admitted = sets[1][:, :2].copy().view(np.int16)[:, 0], sets[1][:, 2:]
+    least, most = c.input_set.min(axis=0), c.input_set.max(axis=0)
     return {
         "c": c, "name": name, "about": _about(c), "nx": box.size, "nu": c.input_set.shape[1], "m": len(c.input_set),
         "low": _numbers(box.lo), "high": _numbers(box.hi), "width": _numbers(2.0 * c.grid.h),
@@ -389,5 +394,29 @@ def _content(c: Controller, name: str) -> dict[str, Any]:
         "states": 1 if task is None else task.after.shape[1], "base": c.memory if task is None else task.base,
         "own": "memory" if task is None else f"(memory % {task.base})",
         "kept": "" if task is None else f"memory - memory % {task.base} + ",
-        "kinds": kinds.tolist(), "classes": int(kinds.max()) + 1, "table": _table(c.choice),
+        "kinds": kinds.tolist(), "classes": int(kinds.max()) + 1, "table": _table(choice), "rows": len(choice),
+        "sets": _table(sets[0]) if sets is not None else "", "admitted": admitted.tolist(), "nodes": len(c.choice),
+        "bits": [int.from_bytes(row.tobytes(), "little") for row in admitted], "least": _numbers(least),
+        "most": _numbers(most), "range": _numbers(np.where(most > least, most - least, 1.0)),
     }  # fmt: skip
+
+
+MOST_SETS = 2**16
+"""Different sets of admissible inputs that an export tells apart, by numbers of 16 bits."""
+
+
+def _sets(c: Controller) -> tuple[NDArray[np.uint16], NDArray[np.uint8]] | None:
+    """Numbers of what the nodes hold, (nodes,), and that, a row each: the chosen input, two bytes, then the admitted
+    ones. Many nodes hold the same. None where the inputs were not recorded, or rows are more than `MOST_SETS`."""
+    if c.solution.chosen is not None:
+        return None
+    numbers, known = np.empty(len(c.choice), np.uint16), dict[bytes, int]()
+    for first in range(0, len(numbers), MOST_SETS):
+        piece = slice(first, first + MOST_SETS)
+        rows = np.concatenate([c.choice[piece, None].view(np.uint8), c.solution.mask[piece]], axis=1)
+        found, at = np.unique(rows.view(f"V{rows.shape[1]}")[:, 0], return_inverse=True)
+        own = np.array([known.setdefault(row.tobytes(), len(known)) for row in found])
+        if len(known) > MOST_SETS:
+            return None
+        numbers[piece] = own[at]
+    return numbers, np.frombuffer(b"".join(known), np.uint8).reshape(len(known), -1)

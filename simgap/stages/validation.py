@@ -11,7 +11,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 from simgap.arrays import Floats, Ints
-from simgap.closed_loop import Judge, Sensing, batch_loop, closed_loop
+from simgap.closed_loop import Judge, Policy, Sensing, batch_loop, closed_loop
 from simgap.config.case import Case
 from simgap.config.controller import Trials, ValidationSection
 from simgap.config.reads import CONTROLLED
@@ -26,6 +26,7 @@ from simgap.late import pyarrow as pa
 from simgap.plants.context import Context
 from simgap.simulators.process import EnginePool, engine_pool
 from simgap.specifications.base import Run, Verdict, specification_of
+from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 from simgap.stages import log
 from simgap.stages.arguments import CasePath, Gap, GapAwareController, HowMany, NominalController, Option, Out, Workers
@@ -142,17 +143,25 @@ def _simulated(jobs: Sequence[Future[list[Run]]], count: int) -> Iterator[Run]:
 
 def simulate_chunk(case: Case, folder: Path, shared: Mapped[Controller], starts: Floats, chunk: int) -> list[Run]:
     """Run in an engine's process, from starts (n, nx)."""
+    controller = shared.read()
+    return simulate(case, folder, controller, controller.solution, starts, chunk)
+
+
+def simulate(case: Case, folder: Path, policy: Policy, solution: Solution, starts: Floats, chunk: int = 0) -> list[Run]:
+    """Runs of a policy in the case's simulator, from starts (n, nx); `solution` says when one is over.
+
+    Call it in the process that will run the simulator.
+    """
     from simgap.simulators.rollouts import make_simulator
 
     space, section = Space.of(case), case.sensing
     sensing = Sensing(space.vector(section.error if section else {}), section.latency if section else 0)
     steps, seed = (case.validation.steps, case.validation.seed) if case.validation else (0, 0)
-    controller = shared.read()
-    monitor = specification_of(case).monitor(space, controller.solution)
+    monitor = specification_of(case).monitor(space, solution)
     rng = np.random.default_rng([chunk, seed])
     with make_simulator(case, folder) as simulator:
         return [
-            closed_loop(simulator, controller, x, steps, sensing, rng, monitor, sensing.measure(x, rng)) for x in starts
+            closed_loop(simulator, policy, x, steps, sensing, rng, monitor, sensing.measure(x, rng)) for x in starts
         ]
 
 

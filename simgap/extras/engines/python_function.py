@@ -71,7 +71,7 @@ class PythonEngine(Engine):
         self.nx, self.nu = len(self._names[0]), len(self._names[1])
         self._tau, self._substeps, self._parameters = tau, section.substeps, dict(section.parameters)
         try:
-            self._function = bounded("while the function's file is imported", STARTING, lambda: _imported(file))
+            self._function = bounded("while the function's file is imported", STARTING, lambda: imported(file))
         except Exception as error:
             raise self._fault(f"cannot be imported: {type(error).__name__}: {excerpt(str(error))}") from None
 
@@ -147,7 +147,8 @@ def _line(error: BaseException, path: str) -> str:
     return f" (line {lines[-1]})" if lines else ""
 
 
-def _imported(file: FunctionFile) -> Callable[..., Any]:
+def imported(file: FunctionFile) -> Callable[..., Any]:
+    """A person's function, by running its file in this process; raises what that raises."""
     sys.dont_write_bytecode = True  # what runs is what was hashed
     folder = str(file.path.parent)
     sys.path.insert(0, folder)
