@@ -110,9 +110,10 @@ def closed_loop(
 def scalar_lookup(policy: Policy) -> Callable[[Floats, int], tuple[int, int]]:
     """The policy for one state at a time, (nx,) -> cell, input number; a grid controller answers without arrays."""
     grid, choice = getattr(policy, "grid", None), getattr(policy, "choice", None)
-    if grid is None or choice is None:
-        return lambda x, pending: (-1, int(policy.lookup(x[None], pending)[0]))
-    cell_of, memory = grid.finder(), int(getattr(policy, "memory", 1))
+    cell_of = grid.finder() if grid is not None else lambda x: -1
+    if choice is None:
+        return lambda x, pending: (cell_of(x), int(policy.lookup(x[None], pending)[0]))
+    memory = int(getattr(policy, "memory", 1))
     picked = memoryview(choice)  # it answers faster than an array, one element at a time, and copies nothing
 
     def find(x: Floats, pending: int) -> tuple[int, int]:

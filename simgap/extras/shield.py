@@ -14,6 +14,7 @@ from simgap.closed_loop import Judge
 from simgap.config.named_files import FunctionFile
 from simgap.errors import UserError, excerpt, placed
 from simgap.extras.certify import of_case, results_of
+from simgap.geometry import Grid
 from simgap.io.controller_file import load_controller_of
 from simgap.io.gap_file import load_gap
 from simgap.plants.context import Context
@@ -22,6 +23,7 @@ from simgap.shield import Shield
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.python_function import imported
 from simgap.specifications.base import specification_of
+from simgap.specifications.solution import Progress
 from simgap.specifications.space import Space
 from simgap.stages.validation import keep_promise, simulate, starts, tolerated_share
 
@@ -58,6 +60,16 @@ class Driven:
     def kind(self) -> Ints | None:
         """Class of each input, (M,), where that of the previous one is remembered."""
         return self.shield.controller.kind
+
+    @property
+    def progress(self) -> Progress | None:
+        """What a task has come to."""
+        return self.shield.controller.progress
+
+    @property
+    def grid(self) -> Grid:
+        """Cells of the measured state."""
+        return self.shield.controller.grid
 
     def lookup(self, x: Floats, pending: Ints | int) -> Ints:
         """Number of the input for a measured state (1, nx): -> (1,), -1 where the shield has none."""
