@@ -14,6 +14,7 @@ from simgap.closed_loop import Judge
 from simgap.config.named_files import FunctionFile
 from simgap.errors import UserError, excerpt, placed
 from simgap.extras.certify import of_case, results_of
+from simgap.extras.engines.python_function import imported
 from simgap.geometry import Grid
 from simgap.io.controller_file import load_controller_of
 from simgap.io.gap_file import load_gap
@@ -21,7 +22,6 @@ from simgap.plants.context import Context
 from simgap.plugins import announce
 from simgap.shield import Shield
 from simgap.simulators.process import run_in_processes
-from simgap.simulators.python_function import imported
 from simgap.specifications.base import specification_of
 from simgap.specifications.solution import Progress
 from simgap.specifications.space import Space
