@@ -207,6 +207,23 @@ def suprema(_: Mapping[str, Any]) -> str:
     return markdown(head, rows)
 
 
+def tasks(data: Mapping[str, Any]) -> str:
+    """One line a case: what was asked, how large the game is, what it cost, and what the runs did."""
+    head = ["case", "formula", "cells x inputs x classes x states", "wins", "progress within", "CPU time, memory",
+            "runs that broke it: gap-aware", "nominal-only", "rounds a run", "adversary"]  # fmt: skip
+    rows = []
+    for name, r in data.items():
+        size = f"{' x '.join(map(str, r['cells']))} x {r['inputs']} x {r['classes']} x {r['states']}"
+        rounds = f"{r['rounds'][0]} to {r['rounds'][1]}" if r["rounds"] else "-"
+        rows.append([
+            f"`{name}`", f"`{r['formula']}`", size, f"{100 * r['wins']:.1f} %", f"{r['steps'] * r['tau']:.3g} s",
+            f"{r['cpu_s']:.0f} s, {r['mib']:,.0f} MiB", f"{r['violations']:,} of {r['runs']:,}",
+            f"{r['nominal_failed']:,} of {r['nominal_runs']:,}", rounds,
+            f"{r['attack_violations']:,} in {r['attacked_steps']:,}",
+        ])  # fmt: skip
+    return markdown(head, rows)
+
+
 def synthesis(data: Mapping[str, Any]) -> str:
     """Time and memory of synthesis beside goals and SCOTS."""
     rows = []
@@ -301,6 +318,7 @@ TABLES: Mapping[str, tuple[str, Callable[[Any], str]]] = {
     "figures": ("figures_gap.json", figures),
     "engines": ("engines.json", engines),
     "closed_loop": ("../../results/pendulum_sensing/summary.json", closed_loop),
+    "tasks": ("tasks.json", tasks),
     "synthesis": ("synthesis.json", synthesis),
     "start_up": ("start_up.json", start_up),
     "lipschitz": ("lipschitz.json", lipschitz),

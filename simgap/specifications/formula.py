@@ -109,11 +109,16 @@ def _normal(tree: Any, positive: bool, samples: Callable[[str], int]) -> Formula
     return ("U" if (kind in ("until", "finally_")) is positive else "R", left, right, within)
 
 
+def literals(formula: Formula) -> set[Formula]:
+    """The literals in a formula: ('in', region, whether inside)."""
+    if formula[0] == "in":
+        return {formula}
+    return set().union(*(literals(part) for part in formula[1:] if isinstance(part, tuple)))
+
+
 def regions(formula: Formula) -> set[str]:
     """The names of the regions in a formula."""
-    if formula[0] == "in":
-        return {formula[1]}
-    return set().union(*(regions(part) for part in formula[1:] if isinstance(part, tuple)))
+    return {name for _, name, _ in literals(formula)}
 
 
 def _without(operator: str, formula: Formula) -> bool:

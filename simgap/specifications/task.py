@@ -11,10 +11,10 @@ import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
-from typing import Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import BeforeValidator, Discriminator, Field, Tag
 
 from simgap.arrays import Bools, Floats, Ints
 from simgap.config.base import Interval
@@ -37,7 +37,7 @@ from simgap.specifications.base import (
     projected,
     rectangle,
 )
-from simgap.specifications.formula import Automaton, Formula, Letter, automaton_of, parse, regions
+from simgap.specifications.formula import Automaton, Formula, Letter, automaton_of, literals, parse, regions
 from simgap.specifications.product import solve
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import (
@@ -54,8 +54,15 @@ from simgap.units import conversion
 
 MOST_REGIONS = 8
 """In one formula: runs are judged by an automaton over all their combinations."""
-Region = dict[str, Interval] | str
+Region = Annotated[
+    Annotated[dict[str, Interval], Tag("box")] | Annotated[str, Tag("inequality")],
+    Discriminator(lambda given: "inequality" if isinstance(given, str) else "box"),
+]
 DONE, BROKEN, KEPT, LATE = "done", "broke the task", "kept the task", "no progress in time"
+
+
+def _listed(region: Any) -> Any:
+    return [region] if isinstance(region, str | dict) else region
 
 
 class Task(Arena):
@@ -66,7 +73,7 @@ class Task(Arena):
     formula: str
     """Over names of regions, with ! & | -> X F G U W R and deadlines such as F[<= 40 s] a: co-safety, safety, G of
     co-safety (G F a), and F G of regions beside G of regions."""
-    regions: dict[str, Region | tuple[Region, ...]] = Field(min_length=1)
+    regions: dict[str, Annotated[tuple[Region, ...], BeforeValidator(_listed)]] = Field(min_length=1)
     """By name a box (intervals of states; those not named are free), an inequality such as 'x^2 + y^2 <= 4', or a list
     of these: their union."""
 
@@ -87,7 +94,7 @@ class Task(Arena):
         """The arena; the formula and its regions must be about it."""
         self._automaton(space, exact_letters(regions(self._read(space))))
         for name, region in self.regions.items():
-            for part in parts_of(region):
+            for part in region:
                 if isinstance(part, dict):
                     known(part, space.states, f"regions.{name}")
                 else:
@@ -99,8 +106,8 @@ class Task(Arena):
             number, _, unit = bound.strip().partition(" ")
             try:
                 return int(float(number) * (conversion(unit, "s").factor if unit else 1.0) / space.tau + 1e-9)
-            except (ValueError, OverflowError):
-                raise UserError(f"'{bound}' is no deadline", remedy="Write it like F[<= 40 s] a.") from None
+            except (ValueError, OverflowError, UserError):
+                raise UserError(f"'{bound.strip()}' is no deadline", remedy="Write it like F[<= 40 s] a.") from None
 
         with placed(key=f"{KEY}.formula"):
             formula = parse(self.formula, samples)
@@ -122,13 +129,16 @@ class Task(Arena):
     def solve(self, game: Game) -> Solution:
         """The product of the game with the automaton of the formula."""
         grid, space = game.grid, game.space
-        sure = {}
-        for name in sorted(regions(self._read(space))):
-            inside, meeting = zip(
-                *(self._cells(game, name, part) for part in parts_of(self.regions[name])), strict=True
-            )
+        sure, formula = {}, self._read(space)
+        for name in sorted(regions(formula)):
+            inside, meeting = zip(*(self._cells(game, name, part) for part in self.regions[name]), strict=True)
             sure[name, True] = np.any(inside, axis=0)
             sure[name, False] = ~np.any(meeting, axis=0)
+            if not sure[name, True].any() and ("in", name, True) in literals(formula):
+                raise UserError(
+                    "no cell fits into the region", key=f"{KEY}.regions.{name}",
+                    remedy="Use finer cells (synthesis.cells) or a larger region; a measurement error is taken off it.",
+                )  # fmt: skip
         codes = sum((flags.astype(np.int64) << k for k, flags in enumerate(sure.values())), np.zeros(grid.size, int))
         present, letters = np.unique(codes, return_inverse=True)
         words = (frozenset(itertools.compress(sure, (code >> k & 1 for k in range(len(sure))))) for code in present)
@@ -150,7 +160,7 @@ class Task(Arena):
     def monitor(self, space: Space, solution: Solution) -> Monitor:
         """Monitor of the formula on the true states, and of touching nothing."""
         names = sorted(regions(self._read(space)))
-        places = {name: Place(space, name, parts_of(self.regions[name])) for name in names}
+        places = {name: Place(space, name, self.regions[name]) for name in names}
         return Watching(places, self._automaton(space, exact_letters(names)), self.surroundings(space), solution)
 
     def sentence(self, space: Space) -> str:
@@ -161,14 +171,14 @@ class Task(Arena):
     def _told(self, space: Space, name: str) -> str:
         return " or ".join(
             part if isinstance(part, str) else ", ".join(space.interval(state, ends) for state, ends in part.items())
-            for part in parts_of(self.regions[name])
+            for part in self.regions[name]
         )
 
     def draw(self, axes: Any, space: Space, shown: tuple[int, int], look: Look) -> None:
         """Regions that are boxes, with their names, obstacles and the border of the arena."""
         arena, (face, edge) = self.region(space), look.target
         for name in sorted(regions(self._read(space))):
-            for part in parts_of(self.regions[name]):
+            for part in self.regions[name]:
                 if isinstance(part, dict) and any(space.states[j] in part for j in shown):
                     box = projected(partial_box(part, space.states), arena, shown)
                     rectangle(axes, box, facecolor=face, edgecolor=edge, lw=1.0, alpha=0.5)
@@ -181,11 +191,6 @@ def exact_letters(names: Iterable[str]) -> tuple[Letter, ...]:
     ordered = sorted(names)
     inside = itertools.product((False, True), repeat=len(ordered))
     return tuple(frozenset(zip(ordered, own, strict=True)) for own in inside)
-
-
-def parts_of(region: Region | tuple[Region, ...]) -> tuple[Region, ...]:
-    """The boxes and inequalities of which a region is the union."""
-    return region if isinstance(region, tuple) else (region,)
 
 
 def margin(text: str, space: Space, name: str) -> sp.Expr:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from simgap.closed_loop import Sensing, closed_loop
+from simgap.closed_loop import Sensing, closed_loop, strays
 from simgap.errors import UserError
 from simgap.geometry import Box
 from simgap.io.controller_file import load_controller, save_controller
@@ -14,6 +14,7 @@ from simgap.model.sampled import NominalModel
 from simgap.specifications.invariance import Invariance
 from simgap.specifications.reaching import ReachAndStay, ReachAvoid
 from simgap.specifications.space import Space
+from simgap.specifications.task import Task
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.synthesise import SynthesisProblem, synthesise
 
@@ -67,6 +68,34 @@ def test_no_true_state_is_where_it_must_not_be(mover, kind, name, latency, tmp_p
         assert not latency or run.inputs[:1].tolist() in ([], [controller.first])
         near = max(near, float(np.abs(run.measured - run.x).max()))
     assert near == pytest.approx(0.04)
+
+
+TASKS = ("G F pickup & G F dropoff & G !hole", "!hole U (pickup & F dropoff)", "G !hole & F G pickup")
+
+
+@pytest.mark.parametrize("latency", [0, 1])
+@pytest.mark.parametrize("formula", TASKS)
+def test_true_states_keep_the_task_whatever_is_measured(mover, formula, latency):
+    inputs = np.array(list(itertools.product([-1.0, 0.0, 1.0], repeat=2)))
+    places = {"pickup": WIDE, "dropoff": ["x <= 0.8", {"y": (2.4, 3.0)}], "hole": "(x - 2)^2 + (y - 2)^2 <= 0.16"}
+    asked = Task(kind="task", formula=formula, regions=places, obstacles=(OBSTACLE | {"y": (0.0, 1.0)},))
+    solution = synthesise(SynthesisProblem(mover, asked, SPACE, (87, 66), inputs, error=ERROR, latency=latency))
+    controller = Controller(inputs, SPACE.states, ("u", "v"), solution, "least_effort", {"stage": "synthesis"})
+    monitor, rng = asked.monitor(SPACE, solution), np.random.default_rng(5)
+    starts = SPACE.box.sample(rng, 200)
+    starts = starts[controller.contains(starts)]
+    assert len(starts) > 60
+    rounds = []
+    for start in starts:
+        measured = start + ERROR * rng.choice([-1.0, 1.0], 2)
+        run = closed_loop(Truth(), controller, start, 150, Sensing(ERROR, latency), rng, monitor, measured)
+        verdict = monitor.judge(run, 150)
+        assert verdict.outcome.kept, verdict.outcome
+        assert strays(solution, run) == 0
+        hole = np.hypot(*(verdict.run.x - 2.0).T) <= 0.4
+        assert not hole.any()
+        rounds.append(verdict.outcome.figures["rounds"])
+    assert min(rounds) >= (1 if "U" in formula else 2)
 
 
 @pytest.mark.parametrize("kind", ["reach_avoid", "invariance"])
