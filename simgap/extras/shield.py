@@ -98,8 +98,11 @@ def run(
         BrokenPromise: a run through the shield that violates what the controller promises.
         UserError: a policy that cannot be run, results that are not there, a controller that is no shield.
     """
-    case, own_bound, own_controller = results_of(what) if what.is_dir() else of_case(what)
-    job = (case, bound or own_bound, controller or own_controller, policy, runs)
+    case = what
+    if bound is None or controller is None or what.is_dir():
+        case, own_bound, own_controller = results_of(what) if what.is_dir() else of_case(what)
+        bound, controller = bound or own_bound, controller or own_controller
+    job = (case, bound, controller, policy, runs)
     found = run_in_processes(_drive, [job], 1, engine_log)[0]
     keep_promise(found["shielded"], found.pop("tolerated"))
     return found
@@ -131,15 +134,19 @@ def _drive(case_path: Path, bound: Path, controller_path: Path, policy: str, cou
     proven = replace(judge, certificate=controller.solution, tolerant=tolerated > 0)
     figures = {}
     for name, through, by in (("alone", False, judge), ("shielded", True, proven)):
-        driven = Driven(shield, _policy(policy, controller.input_set, section.seed), through)
+        driven = Driven(shield, policy_of(policy, controller.input_set, section.seed), through)
         made = simulate(case, context.folder, driven, controller.solution, begin)
         figures[name] = by.count(made, range(len(made)), 1)[0]
     about = {"case": case.name, "policy": policy, "acted": shield.acted, "samples": shield.steps}
     return {**about, **figures, "tolerated": tolerated}
 
 
-def _policy(named: str, inputs: Floats, seed: int) -> Callable[[Floats], Floats]:
-    """The function of the state that a person means, or the random one."""
+def policy_of(named: str, inputs: Floats, seed: int) -> Callable[[Floats], Floats]:
+    """The function of the measured state that a person means, or the random one.
+
+    Raises:
+        UserError: a file that is not there or cannot be imported; from the function, whatever it raises.
+    """
     if named == RANDOM:
         rng = np.random.default_rng(seed)
         return lambda _: inputs[rng.integers(len(inputs))]

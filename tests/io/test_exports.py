@@ -15,6 +15,7 @@ import simgap
 from simgap.cli import main
 from simgap.errors import UserError
 from simgap.geometry import Box, Grid
+from simgap.io import controller_file
 from simgap.io.controller_file import save_controller
 from simgap.specifications.solution import Progress, Solution
 from simgap.synthesis.controller import FARTHEST, Controller
@@ -24,6 +25,9 @@ COMPILER = shutil.which("cc") or shutil.which("gcc")
 MAIN = """\
 #include <stdio.h>
 #include "%(name)s.h"
+#ifndef %(big)s_TASK
+#define %(name)s_observe(x, memory) memory
+#endif
 int main(void) {
   double x[%(big)s_STATES], u[1]; long memory; int c;
   while (scanf("%%la %%la %%ld", &x[0], &x[1], &memory) == 3) {
@@ -35,11 +39,11 @@ int main(void) {
 """
 
 
-def made_up(seed, late=False, kind=None, periodic=(), task=1):
+def made_up(seed, late=False, kind=None, periodic=(), inputs=((-1.5,), (-0.25,), (0.0,), (0.25,), (1.5,)), task=1):
     """A controller whose admissible inputs are drawn at random, none of them in a third of the cells."""
     rng = np.random.default_rng(seed)
     grid = Grid(Box([-0.7, -1.1], [0.3, 1.3]), [13, 7], periodic)
-    inputs = np.array([[-1.5], [-0.25], [0.0], [0.25], [1.5]])
+    inputs = np.array(inputs)
     memory = (len(inputs) if late else 1) * (1 if kind is None else max(kind) + 1)
     bits = rng.random((grid.size * memory, len(inputs))) < 0.4
     bits[np.repeat(rng.random(grid.size) < 0.3, memory)] = False
@@ -55,7 +59,8 @@ def made_up(seed, late=False, kind=None, periodic=(), task=1):
         mask = np.repeat(mask, task, axis=0)
         after = rng.integers(0, task, (grid.size, task)).astype(np.int16)
         solution = replace(solution, mask=mask, memory=memory, progress=Progress(after, memory // task))
-    return Controller(inputs, ("q", "v"), ("u",), solution, "least_effort", {"case": "made_up"})
+    names = ("u", "w")[: inputs.shape[1]]
+    return Controller(inputs, ("q", "v"), names, solution, "least_effort", {"case": "made_up"})
 
 
 KINDS = {
@@ -120,6 +125,92 @@ def test_python_and_c_choose_what_the_controller_chooses(tmp_path, kind):
     assert compiled.tolist() == python.tolist()
     far = np.abs(x).max(axis=1) > 1e9  # no angle that anyone measures, though a periodic axis would wrap it into a cell
     assert (wanted[far] == -1).all()
+
+
+FILTER = """\
+#include <math.h>
+#include <stdio.h>
+#include "law.h"
+#ifndef LAW_TASK
+#define law_observe(x, memory) memory
+#endif
+int main(void) {
+  double x[2], u[2] = {0.0, 0.0}; long memory; int c;
+  while (scanf("%la %la %ld %la %la", &x[0], &x[1], &memory, &u[0], &u[1]) == 5) {
+    c = law_filter(x, memory, u, u);
+    printf("%d %a %a %ld %d\\n", c, u[0], u[1], law_next(law_observe(x, memory), c), law_acting(memory, c));
+  }
+  u[0] = u[1] = NAN;
+  x[0] = 0.0; x[1] = 0.1;
+  return law_filter(x, 0, u, u) >= 0 || law_input(x, 0, u) < 0 ? 0 : 1;
+}
+"""
+PLANE = [(v, w) for v in (-0.3, 0.0, 0.1, 0.3) for w in (-2.0, 0.5, 1.7)]  # 12: two bytes a set
+
+
+@pytest.mark.parametrize("kind", [*KINDS, "two inputs", "late two inputs"])
+def test_python_and_c_shield_as_simgap_does(tmp_path, kind):
+    more = KINDS.get(kind) or {"inputs": PLANE, "late": kind.startswith("late")} if kind != "plain" else {}
+    controller = made_up(len(kind), **more)
+    shield, rng = simgap.Shield(controller), np.random.default_rng(2)
+    x, memory = (rows[:4000] for rows in asked(controller))
+    nu = controller.input_set.shape[1]
+    at_ties = (controller.input_set[rng.integers(0, len(controller.input_set), (2, len(x)))]).mean(axis=0)
+    wanted = np.where(rng.random((len(x), 1)) < 0.3, at_ties, rng.uniform(-2.5, 2.5, (len(x), nu)))
+    given = [shield.numbers(*row)[0] for row in zip(x, wanted, memory.tolist(), strict=True)]
+    assert len({*given}) == len(controller.input_set) + 1
+    simgap.export_controller(controller, tmp_path / "law.py")
+    law = runpy.run_path(str(tmp_path / "law.py"))
+    rows = zip(x.tolist(), wanted.tolist(), memory.tolist(), strict=True)
+    assert [law["filter"](*row) for row in rows] == given
+    for wrong in ([0.0] * (nu + 1), [float("nan")] * nu):
+        with pytest.raises(ValueError, match="an input is"):
+            law["filter"](x[0].tolist(), wrong)
+
+    if COMPILER is None:
+        pytest.skip("no C compiler")
+    simgap.export_controller(controller, tmp_path / "law.h")
+    (tmp_path / "main.c").write_text(FILTER)
+    flags = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic", "-ffp-contract=off"]
+    subprocess.run([COMPILER, *flags, "main.c", "-o", "main"], cwd=tmp_path, check=True)
+    padded = np.concatenate([wanted, np.zeros((len(x), 2 - nu))], axis=1)
+    words = [f"{a.hex()} {b.hex()} {m} {u.hex()} {w.hex()}" for (a, b), m, (u, w) in
+             zip(x.tolist(), memory.tolist(), padded.tolist(), strict=True)]  # fmt: skip
+    told = subprocess.run(
+        [tmp_path / "main"], input="\n".join(words), capture_output=True, text=True, check=True
+    ).stdout
+    lines = [line.split() for line in told.splitlines()]
+    assert [int(line[0]) for line in lines] == given
+    values = np.array([[float.fromhex(v) for v in line[1 : 1 + nu]] for line in lines])
+    assert np.array_equal(values, np.where(np.array(given)[:, None] >= 0, controller.input_set[given], wanted))
+    for line, m, c, cell in zip(lines, memory.tolist(), given, controller.cell(x).tolist(), strict=True):
+        if c >= 0:
+            acting, after = controller.solution.step(m, c, cell)
+            assert (int(line[4]), int(line[3])) == (acting, after)
+
+
+@pytest.mark.parametrize("ending", [".h", ".py"])
+def test_a_law_without_the_sets_has_no_shield_and_chooses_the_same(tmp_path, ending, monkeypatch):
+    controller = made_up(1)
+    simgap.export_controller(controller, tmp_path / f"whole{ending}")
+    monkeypatch.setattr(controller_file, "MOST_SETS", 40)  # numbered piece by piece
+    simgap.export_controller(controller, tmp_path / f"pieces{ending}")
+    monkeypatch.setattr(controller_file, "MOST_SETS", 5)
+    simgap.export_controller(controller, tmp_path / f"law{ending}")
+    solution = replace(
+        controller.solution, mask=np.empty((len(controller.choice), 0), np.uint8), chosen=controller.choice
+    )
+    simgap.export_controller(replace(controller, solution=solution), tmp_path / f"one{ending}")
+    texts = {name: (tmp_path / f"{name}{ending}").read_text() for name in ("whole", "pieces", "law", "one")}
+    assert [("filter(" in text) for text in texts.values()] == [True, True, False, False]
+    if ending == ".h":
+        assert "too many different sets" in texts["law"]
+        assert "records one input a cell" in texts["one"]
+    else:
+        laws = [runpy.run_path(str(tmp_path / f"{name}{ending}")) for name in texts]
+        for x in asked(controller)[0].tolist():
+            assert len({law["choose"](x) for law in laws}) == 1
+            assert laws[0]["filter"](x, [1.0]) == laws[1]["filter"](x, [1.0])
 
 
 @pytest.mark.parametrize("count", [5, 7, 11, 100])

@@ -8,6 +8,7 @@ import pytest
 
 from simgap.cli import main
 from simgap.errors import BrokenPromise, UserError
+from simgap.extras import shield
 from simgap.gap.memory.bound import robot_of
 from simgap.io.results import read_json, read_parquet, write_json
 from simgap.plants.context import Context
@@ -73,6 +74,17 @@ def test_the_full_table_holds_every_pair_of_inputs(bound):
     assert parts.count("sequence") == 20 * 100
     assert parts.count("history") == 5 * (4 + 2)  # five histories with 1 to 4 earlier inputs, and at two headings
     assert read_json(folder / "gap.json")["budget"]["previous_inputs"] == 15
+
+
+def test_a_policy_that_drives_at_obstacles_is_led_around_them(bound, tmp_path):
+    case, folder = bound
+    synthesis.run(case, folder / "gap.json", tmp_path / "gap.npz", tmp_path / "gap_synthesis.json", 1)
+    (tmp_path / "own.py").write_text("def straight_on(x):\n    return [0.2, 0.0]\n")
+    for policy in ("random", f"{tmp_path}/own.py:straight_on"):
+        found = shield.run(case, policy, 4, tmp_path / "gap.npz", folder / "gap.json")
+        assert found["alone"]["runs_that_violated_it"] >= 3
+        assert found["shielded"]["ends"] == {"reached the target": 4}
+        assert 0 < found["acted"] < found["samples"]
 
 
 def test_from_the_case_to_the_closed_loop(bound, tmp_path):
