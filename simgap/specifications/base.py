@@ -210,7 +210,7 @@ class Game(Protocol):
 
         The target may be nodes (cells * memory,) of another solution of the same game. On the way a run is in cells
         `through`, all free ones when None; target cells among them have inputs, too, that lead back into what is won.
-        With one of the `steps` these are all inputs into the target.
+        `steps` is the largest level; with 1, the inputs are all that lead into the target.
         """
 
     def certain(self, cells: Bools) -> Bools:
@@ -259,7 +259,7 @@ class Specification(Section, ABC):
     operator is `Game.invariant`."""
     words: ClassVar[Words] = Words()
 
-    def stages(self, space: Space) -> int:
+    def memory_states(self, space: Space) -> int:
         """How many states a controller tells apart of what the specification has come to; 1 for most."""
         return 1
 

@@ -305,7 +305,7 @@ class Staying(Toward):
     """A run goes on in the target until its last sample."""
 
     def over_each(self, x: Floats, measured: Floats) -> Bools:
-        """Runs go on, whatever `x` and `seen`: (n, nx), (n, nx) -> (n,)."""
+        """Runs go on, whatever is measured: (n, nx), (n, nx) -> (n,)."""
         return np.zeros(len(x), np.bool_)
 
     def unbroken(self, run: Run, levels: Ints) -> Bools:

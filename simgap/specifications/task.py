@@ -98,7 +98,7 @@ class Task(Arena):
                 if isinstance(part, dict):
                     known(part, space.states, f"regions.{name}")
                 else:
-                    margin(part, space, name)
+                    inequality(part, space, name)
         return super().region(space)
 
     def _read(self, space: Space) -> Formula:
@@ -122,7 +122,7 @@ class Task(Arena):
         with placed(key=f"{KEY}.formula"):
             return automaton_of(self._read(space), letters)
 
-    def stages(self, space: Space) -> int:
+    def memory_states(self, space: Space) -> int:
         """States of the formula's automaton."""
         return len(self._automaton(space, exact_letters(regions(self._read(space)))).step)
 
@@ -149,7 +149,7 @@ class Task(Arena):
         """Cells that lie in a region for sure, and cells that may meet it, whatever the measurement error."""
         space, error = game.space, game.error
         if isinstance(part, str):
-            lo, hi = enclosed(margin(part, space, name), space, game.grid, error)
+            lo, hi = enclosed(inequality(part, space, name), space, game.grid, error)
             return hi <= 0.0, lo <= 0.0
         box = partial_box(part, space.states)
         lo, hi = box.lo + error, box.hi - error
@@ -193,7 +193,7 @@ def exact_letters(names: Iterable[str]) -> tuple[Letter, ...]:
     return tuple(frozenset(zip(ordered, own, strict=True)) for own in inside)
 
 
-def margin(text: str, space: Space, name: str) -> sp.Expr:
+def inequality(text: str, space: Space, name: str) -> sp.Expr:
     """The expression that is not positive exactly where an inequality holds.
 
     Raises:
@@ -242,7 +242,7 @@ class Place:
         if isinstance(part, dict):
             box = partial_box(part, space.states)
             return lambda x: in_copies(space, box, x)
-        value = sp.lambdify([sp.Symbol(s) for s in space.states], margin(part, space, self.name), modules="numpy")
+        value = sp.lambdify([sp.Symbol(s) for s in space.states], inequality(part, space, self.name), modules="numpy")
         return lambda x: np.broadcast_to(value(*space.wrapped(x).T), len(x)) <= 0.0
 
 

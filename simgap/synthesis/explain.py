@@ -307,10 +307,13 @@ def why(problem: SynthesisProblem, controller: Controller, nominal: Controller, 
 
     Raises:
         UserError: a controller that remembers: its cell alone does not decide.
+
+    It looks one step ahead, at the set that won in the end, and not at the pass in which the cell was lost.
     """
     solution, grid, names = controller.solution, controller.grid, problem.space.states
     if solution.memory > 1 or problem.on_true_cells:
-        raise UserError("the controller remembers an input or a measurement", remedy="`why` looks at cells alone.")
+        raise UserError("the controller remembers more than its cell (an input, a measurement, the state of a task)",
+                        remedy="`why` looks at cells alone.")  # fmt: skip
     cell = int(grid.index(x[None])[0])
     if cell < 0:
         far = [n for n, v, lo, hi in zip(names, x, grid.box.lo, grid.box.hi, strict=True) if not lo <= v <= hi]

@@ -60,7 +60,7 @@ class Frame:
         return np.concatenate([grid.box.lo, 2.0 * grid.h, lo, hi, self.error, pad])
 
     def arrays(self, axes: tuple[tuple[int, ...], ...], tables: Floats | None) -> tuple[Ints, Floats]:
-        """`meta` and `data`, flat; `tables` is (2 pairs,), laid out as `tables.table_meta` says, or None."""
+        """`meta` and `data`, flat; `tables` is (2 pairs,), laid out as `table_meta` says, or None."""
         head = np.concatenate([self.header, self.inputs.reshape(-1)])
         data = head if tables is None else np.concatenate([head, tables])
         layout = table_meta(self.grid, len(self.inputs), axes)[0][2:].reshape(self.grid.box.size, -1)
