@@ -37,8 +37,8 @@ TRUE: Clauses = frozenset([frozenset()])
 FALSE: Clauses = frozenset()
 MOST_STATES = 500
 FRAGMENT = (
-    "Write a conjunction (&) of formulas without G, R, W that have no end (co-safety), without such F, U (safety), and of "
-    "G over co-safety (recurrence: G F a, G (a -> F b)); or of F G of regions (persistence) and G of regions."
+    "Write a conjunction (&) of formulas without G, R, W that have no end (co-safety), without such F, U (safety), and "
+    "of G over co-safety (recurrence: G F a, G (a -> F b)); or of F G of regions (persistence) and G of regions."
 )
 
 GRAMMAR = r"""
