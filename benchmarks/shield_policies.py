@@ -1,4 +1,4 @@
-"""Policies for `benchmarks/shields.py`: functions of the measured state, in the units of the case, that give an input."""
+"""Policies for `benchmarks/shields.py`: the measured state, in the units of the case, to an input."""
 
 from math import atan2, pi
 
