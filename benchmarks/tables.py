@@ -76,6 +76,16 @@ def engines(data: Mapping[str, Any]) -> str:
     return markdown(["gap", *units, f"outside, of {data['fresh_samples']:,}"], rows)
 
 
+def shields(data: Mapping[str, Any]) -> str:
+    """Policies alone and through a shield."""
+    rows = []
+    for r in data["rows"]:
+        bad = [f"{r[kind]['runs_that_violated_it']} of {r[kind]['runs']}" for kind in ("alone", "shielded")]
+        rows.append([r["case"], r["policy"], *bad, f"{r['acted'] / r['samples']:.0%} of {r['samples']:,}"])
+    head = ["case", "policy", "violations alone", "through the shield", "samples at which it acted"]
+    return markdown(head, rows)
+
+
 def closed_loop(_: Mapping[str, Any]) -> str:
     """Cases beside the plain pendulum: what they win and what happened in their simulator."""
     rows = []
@@ -323,6 +333,7 @@ TABLES: Mapping[str, tuple[str, Callable[[Any], str]]] = {
     "start_up": ("start_up.json", start_up),
     "lipschitz": ("lipschitz.json", lipschitz),
     "rollouts": ("rollouts.json", rollouts),
+    "shields": ("shields.json", shields),
     "plain_run": ("plain_run.json", plain_run),
     "contact_solver": ("contact_solver.json", contact_solver),
     "dry_friction": ("dry_friction.json", dry_friction),

@@ -1,6 +1,6 @@
 """What the shipped tasks cost and what their runs did, from the results of `snakemake --cores 2 tasks` with `--full`.
 
-simgap run configs/cases/NAME.yaml --cores 2 --full          for each of the cases below
+simgap run CASE --cores 2 --full          for each of the cases below
 python benchmarks/tasks.py                                   -> benchmarks/results/tasks.json
 """
 

@@ -73,7 +73,8 @@ class Driven:
 
     def lookup(self, x: Floats, pending: Ints | int) -> Ints:
         """Number of the input for a measured state (1, nx): -> (1,), -1 where the shield has none."""
-        given, nearest = self.shield.numbers(x[0], self.wanted(x[0]), int(pending))
+        with placed(key=KEY):
+            given, nearest = self.shield.numbers(x[0], self.wanted(x[0]), int(pending))
         if self.through and given >= 0:
             self.shield.count(given, nearest)
         return np.array([given if self.through else nearest])
