@@ -92,7 +92,7 @@ def under_conditions(
         model: with the parameters as declared.
 
     Raises:
-        UserError: a condition of a file that is not among the recordings, or of two, or under which a rate is no number.
+        UserError: a condition of a file that is no recording, or of two, or under which a rate is no number.
     """
     told = (*(c.values for c in conditions), *reading.conditions.values())
     names = tuple(dict.fromkeys(n for values in told for n in values))
