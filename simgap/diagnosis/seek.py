@@ -35,6 +35,7 @@ Searched = tuple[Search, Fit, Explanation]
 
 Found = TypeVar("Found")
 _HALVINGS = 3  # of the integration step
+_QUIETER = 3  # estimates of the noise, each from the misses under the one before
 
 
 def looked_again(watch: Watch, look: Callable[[], Found | None]) -> Found | None:
@@ -138,7 +139,7 @@ def under_its_law(
     smaller = True
     while not (search.watch.stopped or search.reached(found)):
         misses = problem.misses(found.fit.theta, found.fit.x0)
-        size = np.maximum(usual_size(misses), 1.0)
+        size = np.maximum(usual_size(misses, problem.used[problem.samples]), 1.0)
         usual = size * problem.sigma
         smaller, before, least = bool(np.any(usual < MOST * least)), smaller, np.minimum(least, usual)
         if not (smaller or before):  # once more after the last: windows are cut where the errors end by then
@@ -191,14 +192,14 @@ def no_louder_than_misses(
     A step of an input that a plant follows at once, or an odd reading, is taken for noise where it is estimated from
     neighbouring readings. `least` (k,): standard deviations that are known, or that rounding makes.
     """
-    for _ in range(_HALVINGS):
+    for _ in range(_QUIETER):
         search, _, found = ends
         problem = search.problem
         if search.watch.stopped or chi2_dof(problem, found.fit) * FIT_QUALITY >= 1.0:
             break
         free = problem.size / max(problem.size - problem.taken - len(found.fit.slots), 1.0)
         misses = problem.misses(found.fit.theta, found.fit.x0)
-        size = np.sqrt(np.mean(misses**2, axis=0) * free)
+        size = np.sqrt(np.sum(misses**2, axis=0) / problem.compared * free)
         sigma = np.clip(parts.known.sigma * size, least, parts.known.sigma)
         if np.all(sigma > parts.known.sigma / np.sqrt(FIT_QUALITY)):
             break

@@ -9,7 +9,7 @@ from simgap import reading
 from simgap.config.measured import MeasuredSection, named_recordings
 from simgap.diagnosis.record.channels import Channel, measured_columns
 from simgap.diagnosis.record.clock import same_file
-from simgap.diagnosis.record.conditions import conditioned
+from simgap.diagnosis.record.conditions import conditioned, refuse_undefined
 from simgap.effects import EFFECTS
 from simgap.errors import Finding, UserError, nearest, placed
 from simgap.io.recordings.measured import channels_of, condition_channels
@@ -103,9 +103,12 @@ def refuse_unknown(section: MeasuredSection, model: SymbolicModel) -> None:
 
 
 def _refuse_conditions(section: MeasuredSection, model: SymbolicModel) -> None:
+    if model.derived:
+        _ = model.numeric()  # refuses parameters as declared under which a rate is no number
     for k, condition in enumerate(section.conditions):
         try:
             _ = conditioned(model, tuple(condition.values))
+            refuse_undefined(model, condition.values)
         except UserError as error:
             raise UserError(error.problem, key=f"measured.conditions.{k}", remedy=error.remedy) from None
 

@@ -175,17 +175,18 @@ class SymbolicModel:
         """Declared numbers of all parameters, for substitution."""
         return {symbol(name): p.value for name, p in self.parameters.items()}
 
-    def numeric(self) -> tuple[sp.Expr, ...]:
-        """xdot with every parameter replaced by its declared number.
+    def numeric(self, under: Mapping[str, float] | None = None) -> tuple[sp.Expr, ...]:
+        """xdot with every parameter replaced by its number: the one `under` which it is asked for, or the declared one.
 
         Raises:
             UserError: where that is not a finite real number, such as 1/m with m = 0.
         """
-        values = self.values()
+        values = self.values() | {symbol(name): value for name, value in (under or {}).items()}
+        said = ", ".join(f"{name} = {value:.6g}" for name, value in (under or {}).items()) or "the declared parameters"
         found = tuple(sp.sympify(e).subs(values) for e in self.xdot)
         for state, rate in zip(self.states, found, strict=True):
             if no_number(rate):
-                problem = f"the rate of '{state.name}' is not a finite real number with the declared parameters"
+                problem = f"the rate of '{state.name}' is not a finite real number with {said}"
                 raise UserError(problem, key="plant", remedy="Correct the parameters or the equation.")
         return found
 

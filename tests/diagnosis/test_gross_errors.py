@@ -34,6 +34,14 @@ def test_the_loss_is_that_of_the_mixture():
 
 def test_the_usual_size_hardly_sees_a_push():
     misses = RNG.standard_normal((4000, 1))
-    clean = float(usual_size(misses)[0])
+    used = np.ones_like(misses)
+    clean = float(usual_size(misses, used)[0])
     misses[1000:1200] += 500.0
-    assert clean < float(usual_size(misses)[0]) < 1.25 * clean
+    assert clean < float(usual_size(misses, used)[0]) < 1.25 * clean
+
+
+def test_the_usual_size_does_not_count_what_was_lost():
+    misses = RNG.standard_normal((4000, 1))
+    used = (RNG.random((4000, 1)) > 0.6).astype(float)
+    kept = misses[used > 0.0][:, None]
+    assert usual_size(misses * used, used) == usual_size(kept, np.ones_like(kept))

@@ -14,6 +14,9 @@ from simgap.diagnosis.record.noise import noise_floor
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.record.survey import survey
 from simgap.diagnosis.search.confidence import at_noise
+from simgap.diagnosis.search.watch import Watch
+from simgap.diagnosis.seek import begun, no_louder_than_misses
+from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import build_problem
 from simgap.diagnosis.simulation.supermodel import cached_supermodel
 from simgap.diagnosis.verdict.horizon import horizon_error
@@ -109,6 +112,21 @@ def test_a_prediction_that_ends_where_nothing_was_read_is_no_prediction(lost):
     assert found is not None
     assert len(found.error) > 500
     assert float(found.rmse[0]) == pytest.approx(float(found.floor[0]), rel=0.15)
+
+
+@pytest.mark.parametrize("lost", [0.0, 0.5])
+def test_a_noise_taken_for_too_large_becomes_that_of_the_readings_that_are_left(lost):
+    """A block at rest, its noise taken for three times what it is."""
+    t, rng = np.arange(4000) / 100.0, np.random.default_rng(13)
+    used = (rng.random((4000, 1)) >= lost).astype(float)
+    record = Record((Trace("a", t, 1e-3 * rng.standard_normal((4000, 1)), np.zeros((4000, 1)), used),), ("q",), ("u",))
+    start = np.arange(0, 4000, 100, dtype=np.int64)
+    windows = Windows(start, start + 100, np.zeros(40, dtype=np.int64), np.zeros(40, dtype=np.int64))
+    problem = build_problem(cached_supermodel(block(), ("q",)), record, windows, np.array([3e-3]))
+    search, base = begun(problem, (), Watch())
+    parts = Parts(problem, problem, problem, problem, 1.0)
+    quieter, _ = no_louder_than_misses(parts, (search, base, search.empty(base)), np.zeros(1), 0, ())
+    assert float(quieter.known.sigma[0]) == pytest.approx(1e-3, rel=0.05)
 
 
 def _swinging(rate: float = 200.0, seconds: float = 20.0, seed: int = 40) -> tuple[np.ndarray, np.ndarray]:

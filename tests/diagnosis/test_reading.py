@@ -232,6 +232,18 @@ def test_other_delimiters_decimal_commas_and_comment_headers(tmp_path, text):
     np.testing.assert_array_equal(read(path).record.traces[0].y[:, 0], data["q"])
 
 
+def test_a_delimiter_within_quotes_divides_no_name(tmp_path):
+    data = swing()
+    rows = [",".join(f"{data[name][k]:.17g}" for name in ("t", "q", "u")) for k in range(N)]
+    path, names = tmp_path / "run.csv", ["time; s", "angle, rad", "torque\tNm"]
+    path.write_text(",".join(f'"{name}"' for name in names) + "\n" + "\n".join(rows) + "\n")
+    section = {"time": {"column": names[0]}, "columns": {"q": {"column": names[1]}, "u": {"column": names[2]}}}
+    found = read(path, **section).record.traces[0]
+    np.testing.assert_array_equal(found.y[:, 0], data["q"])
+    path.write_text(path.read_text() + '"1,5",2\n')
+    assert f"row {N + 1} has 2 cells where the header has 3" in refusal(path, **section)
+
+
 def test_a_cell_that_is_no_number_is_named_by_row(tmp_path):
     data = {k: [f"{x:.9g}" for x in v] for k, v in swing().items()}
     for bad in ("oops", "inf", "-inf"):
@@ -269,6 +281,11 @@ def test_mistakes_name_file_key_and_remedy(tmp_path):
         "measured.columns.q.offset": (path, {"columns": {"q": {"offset": "import os"}}}),
         "measured.columns.v.constant: a state cannot be constant": (path, {"columns": {"v": {"constant": 0.0}}}),
         "measured.held_out.files": (path, {"held_out": {"files": ["other.csv"]}}),
+        "run.csv: row 2, column 'q': ": (path, {"columns": {"q": {"scale": 1e300}}}),
+        "is no reading. Correct the cell, or unit, scale and offset under measured.columns.q": (
+            path,
+            {"columns": {"q": {"scale": 1.79e308, "unit": "deg"}}},
+        ),
         "measured.noise.u": (path, {"noise": {"u": 1.0}}),
     }
     for expected, (file, section) in cases.items():

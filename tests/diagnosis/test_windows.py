@@ -78,6 +78,14 @@ def test_windows_of_an_unstable_plant_are_as_short_as_its_growth_bears():
     assert any("Windows of 0.5 s instead of 1 s" in w for w in d.warnings)
 
 
+def test_of_a_short_record_of_an_unstable_plant_both_reasons_for_short_windows_are_said():
+    record = Record((balanced(np.random.default_rng(91507), 12.0),), ("q",), ("u",))
+    _, said = parts_of(on_a_line(lambda q, v, u: POLE**2 * q + u), record, DiagnosisSettings(window_s=8.0))
+    short, unstable = said
+    assert short.startswith("The record is short: windows of 2 s instead of 8 s")
+    assert unstable.startswith("Windows of 0.5 s instead of 2 s: in a longer one the model multiplies")
+
+
 def test_what_drifts_or_swings_keeps_its_windows():
     rng = np.random.default_rng(91502)
     t = np.arange(1000) * DT

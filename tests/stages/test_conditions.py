@@ -103,6 +103,18 @@ def test_a_mistake_in_the_conditions_is_one_line(tmp_path, conditions, said):
     assert "measured.conditions" in str(error.value.key)
 
 
+@pytest.mark.parametrize("how", ["conditions: [{file: light.csv, m: 0}]", "conditions_from: {m: weight}"])
+def test_a_condition_under_which_the_plant_has_no_rate_is_one_line(tmp_path, how):
+    """Without an arm the hinge turns nothing where no weight hangs on it."""
+    rows = np.column_stack([np.arange(400) / 100, np.sin(np.arange(400) / 20), np.zeros((400, 2))])
+    np.savetxt(tmp_path / "light.csv", rows, delimiter=",", header="t,q,u,weight", comments="")
+    path = case(tmp_path, [])
+    path.write_text(path.read_text().replace("arm: {value: 0.1", "arm: {value: 0").replace("conditions: []", how))
+    with pytest.raises(UserError, match="the rate of 'v' is not a finite real number with m = 0") as error:
+        stage.run(path, [tmp_path / "light.csv"], tmp_path / "out")
+    assert "measured.conditions" in str(error.value.key)
+
+
 @pytest.mark.skipif(not RECORDS.is_dir(), reason="the measured records are not beside the project")
 def test_a_real_drive_under_four_weights_has_the_gain_that_others_found_and_carries_over():
     """Sixteen recordings at 0 to 3 kg, two of them never fitted; others found a gain of .912, and more."""

@@ -12,6 +12,9 @@ from simgap.arrays import Floats, Ints
 from simgap.errors import UserError, excerpt, placed
 from simgap.units import conversion, full_turn
 
+_LARGEST = 1e100
+"""In the model's unit; sums of squares of larger numbers overflow."""
+
 
 @dataclass(frozen=True, eq=False)
 class RawTable:
@@ -139,7 +142,8 @@ def convert(table: RawTable, channels: Sequence[Channel]) -> Converted:
     """All channels of a file in the model's units; wrapped angles are still wrapped.
 
     Raises:
-        UserError: for a unit that cannot be converted, or that is no angle where the case says that it wraps.
+        UserError: for a unit that cannot be converted, or that is no angle where the case says that it wraps; for a
+            number that nothing measures.
     """
     values: dict[str, Floats] = {}
     turns: dict[str, tuple[float, bool | None]] = {}
@@ -149,13 +153,24 @@ def convert(table: RawTable, channels: Sequence[Channel]) -> Converted:
         elif c.column in table.columns:
             unit = c.column_unit or table.units.get(c.column) or c.unit
             factor, shift = _affine(unit, c, table.file)
-            values[c.name] = table.columns[c.column] * (c.scale * factor) + (c.scale * shift + c.offset)
+            with np.errstate(over="ignore"):
+                values[c.name] = table.columns[c.column] * (c.scale * factor) + (c.scale * shift + c.offset)
+            _refuse_immense(values[c.name], c, table.file)
             turn = full_turn(unit)
             if c.wrapped and turn is None:
                 raise UserError(f"'{unit}' is not an angle, so it cannot be wrapped", file=table.file, key=c.key)
             if turn is not None and c.wrapped is not False and not c.is_input:
                 turns[c.name] = (abs(turn * factor * c.scale), c.wrapped)
     return Converted(values, turns)
+
+
+def _refuse_immense(values: Floats, c: Channel, file: str) -> None:
+    beyond = np.flatnonzero(np.abs(values) > _LARGEST)
+    if beyond.size:
+        raise UserError(
+            f"row {beyond[0] + 1}, column '{c.column}': {values[beyond[0]]:.3g} {c.unit} is no reading",
+            file=file, remedy=f"Correct the cell, or unit, scale and offset under {c.key}.",
+        )  # fmt: skip
 
 
 def _affine(unit: str, c: Channel, file: str) -> tuple[float, float]:

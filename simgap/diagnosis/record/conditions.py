@@ -6,7 +6,7 @@ files, and what one condition alone cannot tell is separated by the others. Noth
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -37,6 +37,18 @@ def conditioned(model: SymbolicModel, names: Sequence[str]) -> SymbolicModel:
     more = tuple(Variable(n, model.parameters[n].unit) for n in names)
     left = {n: p for n, p in model.parameters.items() if n not in names}
     return replace(model, inputs=(*model.inputs, *more), parameters=left, conditions=tuple(names))
+
+
+def refuse_undefined(model: SymbolicModel, values: Mapping[str, float], key: str = _KEY) -> None:
+    """Refuses values of parameters under which a rate of the plant is no number.
+
+    Raises:
+        UserError: naming the rate and the values.
+    """
+    try:
+        _ = model.numeric(values)
+    except UserError as error:
+        raise UserError(error.problem, key=key, remedy="Correct the value, or the equation.") from None
 
 
 def told_by_columns(table: RawTable, channels: Sequence[Channel]) -> dict[str | None, dict[str, float]]:
@@ -80,7 +92,7 @@ def under_conditions(
         model: with the parameters as declared.
 
     Raises:
-        UserError: a condition of a file that is not among the recordings, or of two.
+        UserError: a condition of a file that is no recording, or of two, or under which a rate is no number.
     """
     told = (*(c.values for c in conditions), *reading.conditions.values())
     names = tuple(dict.fromkeys(n for values in told for n in values))
@@ -101,4 +113,6 @@ def under_conditions(
             values |= c.values
         columns = np.tile(np.array([values[n] for n in names], dtype=np.float64), (len(trace.t), 1))
         traces.append(replace(trace, u=np.hstack([trace.u, columns])))
+    for numbers in dict.fromkeys(tuple(trace.u[0, len(record.inputs) :].tolist()) for trace in traces):
+        refuse_undefined(model, dict(zip(names, numbers, strict=True)))
     return Record(tuple(traces), record.measured, (*record.inputs, *names)), names

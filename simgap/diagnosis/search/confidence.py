@@ -31,7 +31,7 @@ def misfit(problem: Problem, at: Fit) -> tuple[float, float]:
     if problem.usual is not None:
         loss = problem.residuals(at.theta, at.x0)
         gross = are_gross(loss, problem.spread)
-        share = float(np.mean(gross))
+        share = float(np.sum(gross) / np.sum(problem.compared))
         if 0.0 < share <= A_FEW:
             chi2, size = chi2 - float(np.sum(loss[gross] ** 2)), size * (1.0 - share)
     return chi2, max(size - problem.taken - len(at.slots), 1.0)

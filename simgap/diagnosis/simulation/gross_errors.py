@@ -32,9 +32,15 @@ def are_gross(loss: Floats, spread: Floats) -> Bools:
     return np.asarray(np.square(loss / spread) > -2.0 * np.log1p((SELDOM - 1.0) / (1.0 + SELDOM)))
 
 
-def usual_size(misses: Floats) -> Floats:
-    """Scale of Student's t by maximum likelihood, (n, k) -> (k,)."""
-    s = 1.4826 * np.median(np.abs(misses), axis=0) + 1e-9
+def usual_size(misses: Floats, used: Floats) -> Floats:
+    """Scale of Student's t by maximum likelihood, (n, k) -> (k,); used: (n, k) 1 for misses that are ones."""
+    return np.array([_scale(own[kept > 0.0]) for own, kept in zip(misses.T, used.T, strict=True)])
+
+
+def _scale(misses: Floats) -> float:
+    if not misses.size:
+        return 0.0
+    s = 1.4826 * float(np.median(np.abs(misses))) + 1e-9
     for _ in range(20):
-        s = np.sqrt(np.mean((TAILS + 1.0) / (TAILS + (misses / s) ** 2) * misses**2, axis=0)) + 1e-12
-    return np.asarray(s)
+        s = float(np.sqrt(np.mean((TAILS + 1.0) / (TAILS + (misses / s) ** 2) * misses**2))) + 1e-12
+    return s

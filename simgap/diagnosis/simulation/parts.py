@@ -106,11 +106,12 @@ def parts_of(
     traces, share = settings.held_out_traces, settings.held_out_share
     windows, folds, length = cut_in_folds(record, settings.window_s, traces, share, ahead)
     said = (_SHORT.format(length, settings.window_s),) if length < settings.window_s else ()
+    cut = length
     every = build_problem(compiled, record, windows, sigma, readings.weight)
     while runs_away(every) and windows.samples > 4 * MIN_SAMPLES * len(windows):
         windows, folds, length = cut_in_folds(record, length / 2, traces, share, ahead)
         every = build_problem(compiled, record, windows, sigma, readings.weight)
-        said = (_RUNS_AWAY.format(length, settings.window_s, GROWTH**2),)
+    said = (*said, _RUNS_AWAY.format(length, cut, GROWTH**2)) if length < cut else said
     every = settled(every)
     if model.wheels is None and not model.coordinates:
         said = (*said, _NO_COORDINATES)

@@ -185,6 +185,11 @@ class Problem:
         """(rows, k) 1 for readings that are compared, window after window."""
         return self.used[self.samples]
 
+    @property
+    def compared(self) -> Floats:
+        """(k,) readings that are compared, of each channel; at least 1."""
+        return np.maximum(np.sum(self._used, axis=0), 1.0)
+
     def states(self, theta: Floats, x0: Floats) -> Floats:
         """Simulated states of all windows: theta, (w, begun) -> (rows, nx)."""
         return np.ascontiguousarray(self._simulated(theta, x0)[:, : self.model.nx])

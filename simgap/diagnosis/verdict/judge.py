@@ -68,8 +68,7 @@ def judge(held: Problem, theta: Floats, horizon_s: float) -> HeldOut:
     loss = limited(plain, noise)
     count, chi2 = held.size, float(np.sum(loss**2))
     unbiased = math.sqrt(max(1.0 - held.taken / count, 0.1))  # the initial states took some degrees of freedom
-    each = np.maximum(np.sum(held.used[held.samples], axis=0), 1.0)
-    rmse = np.sqrt(np.sum(held.misses(theta, at.x0) ** 2, axis=0) / each) * held.sigma / unbiased
+    rmse = np.sqrt(np.sum(held.misses(theta, at.x0) ** 2, axis=0) / held.compared) * held.sigma / unbiased
     ratio = math.sqrt(float(np.sum(plain**2)) / count) / unbiased
     free = max(round(count - held.taken), 1)
     ahead = _ahead(held, theta, horizon_s)

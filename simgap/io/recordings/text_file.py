@@ -7,6 +7,7 @@ changes; lines of JSON are an object each.
 
 from __future__ import annotations
 
+import csv
 import json
 import re
 import sys
@@ -34,6 +35,7 @@ _OTHERS = {
     b"SQLite format 3": ("is an SQLite database, as older bags of ROS 2 are", "Make MCAP of it (`ros2 bag convert`)."),
     b"#ROSBAG": ("is a bag of ROS 1", "Convert it to ROS 2 messages in MCAP."),
 }
+_QUOTED = re.compile(r'"[^"]*"')
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?")
 
 
@@ -54,10 +56,11 @@ def csv_layout(path: Path) -> CsvLayout:
         UserError: for an empty file, a file without a header line or one that is not UTF-8 text.
     """
     skip, comment, text, below = _first_lines(path)
-    delimiter = next((d for d in ";\t" if d in text), ",")  # a comma beside one of these is a decimal sign
-    if comment and all(_NUMBER.fullmatch(c.strip()) for c in text.split(delimiter)):
+    bare = _QUOTED.sub("", text)
+    delimiter = next((d for d in ";\t" if d in bare), ",")  # a comma beside one of these is a decimal sign
+    if comment and all(_NUMBER.fullmatch(c) for c in _cells(text, delimiter)):
         below, text, skip = [text, *below], comment, skip - 1  # the names stand in the '#' line above the numbers
-    names = tuple(cell.strip().strip('"').strip() for cell in text.lstrip("#").split(delimiter))
+    names = _cells(text.lstrip("#"), delimiter)
     if all(_NUMBER.fullmatch(n) for n in names if n):
         raise UserError("has no header line", remedy="Add a first line with the names of the columns.")
     twice = sorted({n for n in names if n and names.count(n) > 1})
@@ -65,6 +68,14 @@ def csv_layout(path: Path) -> CsvLayout:
         raise UserError(f"has two columns named '{twice[0]}'", remedy="Rename one of them.")
     decimal = "," if delimiter != "," and any("," in line for line in below) else "."
     return CsvLayout(skip, delimiter, decimal, names)
+
+
+def _cells(line: str, delimiter: str) -> tuple[str, ...]:
+    """The cells of a line; a delimiter within quotes divides none."""
+    try:
+        return tuple(c.strip() for c in next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [""]))
+    except csv.Error as error:
+        raise UserError(f"has a line that is not CSV ({error})", remedy="Export it again.") from None
 
 
 def _first_lines(path: Path) -> tuple[int, str, str, list[str]]:
@@ -134,7 +145,7 @@ def _ragged(path: Path, layout: CsvLayout) -> UserError:
         if k < layout.skip or not line.strip():
             continue
         row += 1
-        cells = line.rstrip("\r\n").count(layout.delimiter) + 1
+        cells = len(_cells(line.rstrip("\r\n"), layout.delimiter))
         if cells != want:
             commas = layout.delimiter == "," and row == 1
             remedy = "Write decimals with points, or put semicolons between columns." if commas else "Mend the row."
