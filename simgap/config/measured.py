@@ -264,6 +264,11 @@ class MeasuredSection(Section):
     smaller error on the confirming recordings is taken; where that cannot be decided, a simulator made of the nominal
     model gets them and one with a model of its own does not."""
 
+    @property
+    def recorded(self) -> bool:
+        """True if a run diagnoses recordings: the case's own, or those of the simulator that stands in for the plant."""
+        return bool(self.files) or self.rig == "simulator"
+
     @model_validator(mode="after")
     def _one_source_each(self) -> MeasuredSection:
         twice = [name for name in self.conditions_from if any(name in c.values for c in self.conditions)]

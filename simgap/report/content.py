@@ -169,12 +169,11 @@ LITTLE = 2
 def verdict(m: Material) -> dict[str, Any]:
     """Verdict on the promise, in plain words and figures, and a technical sentence on each part of the evidence."""
     tallies = m.validation["controllers"]
-    gap_aware, nominal = tallies[GAP_AWARE][SIMULATOR], tallies[NOMINAL][SIMULATOR]
+    gap_aware = tallies[GAP_AWARE][SIMULATOR]
     kept, runs = gap_aware["runs_that_kept_the_specification"], gap_aware["runs"]
     attacked = m.audit["violations"] if m.audit is not None else 0
     good = kept == runs and gap_aware["steps_outside_gamma"] == 0 and not attacked
-    words, section = specification_of(m.context.case).words, m.context.case.validation
-    steps = section.steps if section is not None else math.inf
+    words = specification_of(m.context.case).words
     little = little_won(tables.promised_steps(m))
     recordings = contradicted(m)
     only = " in the simulator, not shown for the plant" if recordings else ", but small" if little else ""
@@ -188,7 +187,7 @@ def verdict(m: Material) -> dict[str, Any]:
         "gap_aware": f"Gap-aware controller: {kept:,} of {runs:,} runs {words.kept}, "
         f"{gap_aware['steps_outside_gamma']:,} of {gap_aware['steps']:,} steps outside gamma.",
         "sample": _sample(m),
-        "nominal": f"Nominal-only controller: {_violations(nominal, steps)}.",
+        "nominal": f"Nominal-only controller: {_violations(m)}.",
         "failure": failure(m),
         "cells_apart": cells_apart(m),
         "on_model": on_model(m),
@@ -223,14 +222,14 @@ def contradicted(m: Material) -> str:
 def plain(m: Material) -> str:
     """Summary for a reader who does not know the terms: both controllers, and the adversary."""
     tallies, failed = m.validation["controllers"], specification_of(m.context.case).words.failed
-    gap_aware, nominal = tallies[GAP_AWARE][SIMULATOR], tallies[NOMINAL][SIMULATOR]
+    gap_aware = tallies[GAP_AWARE][SIMULATOR]
     bad, runs = gap_aware["runs_that_violated_it"], gap_aware["runs"]
     checked = "" if specification_of(m.context.case).between_samples else f", checked every {m.context.domain.tau:g} s"
     said = f"In {runs:,} simulated runs{_length(m)}{checked}, the controller that knows the gap "
     said += f"never {failed}. " if not bad else f"failed {bad:,} times. "
     if outside := gap_aware["steps_outside_gamma"]:
         said += f"But {outside:,} of {gap_aware['steps']:,} steps lay outside the bound of the gap. "
-    said += f"The controller that trusts the model {_trusting(nominal, failed, m.context.domain.tau)}."
+    said += f"The controller that trusts the model {_trusting(m, failed)}."
     if m.audit is None:
         return said
     found, tried = m.audit["violations"], tables.attempts(m.audit)
@@ -244,16 +243,26 @@ def _length(m: Material) -> str:
     return f" of {'' if whole else 'at most '}{number(steps * m.context.domain.tau, 3)} s"
 
 
-def _trusting(tally: Mapping[str, Any], failed: str, tau: float) -> str:
+def _trusting(m: Material, failed: str) -> str:
     """Clause on how the nominal-only controller ended, after the words that name it."""
-    bad, runs, median = tally["runs_that_violated_it"], tally["runs"], tally.get("median_steps_until_violation")
+    tally = m.validation["controllers"][NOMINAL][SIMULATOR]
+    bad, runs = tally["runs_that_violated_it"], tally["runs"]
     if not runs:
         return "promises nothing at any of these starts"
     if not bad:
         return f"did not fail in {runs:,} runs either, but nothing guarantees that"
-    what = _ended(tally, failed)
-    soon = f", half of the failures within {number(median * tau, 2)} s" if median and bad > 1 else ""
-    return f"{what} in {bad:,} of {runs:,} runs{soon}"
+    return f"{_ended(tally, failed)} in {bad:,} of {runs:,} runs{_soon(m)}"
+
+
+def _soon(m: Material) -> str:
+    """Clause on when half of the failures had occurred; one that is counted when the time is up has no instant."""
+    tally = m.validation["controllers"][NOMINAL][SIMULATOR]
+    median = tally.get("median_steps_until_violation")
+    if not median or tally["runs_that_violated_it"] < 2:
+        return ""
+    if median >= m.validation["steps"]:
+        return ", most of them counted at the end of the run"
+    return f", half of the failures within {number(median * m.context.domain.tau, 2)} s"
 
 
 def _ended(tally: Mapping[str, Any], failed: str) -> str:
@@ -373,7 +382,8 @@ def _cells(count: int) -> str:
     return f"{count:,} cell{'s' * (count != 1)}"
 
 
-def _violations(tally: Mapping[str, Any], steps: float) -> str:
+def _violations(m: Material) -> str:
+    tally = m.validation["controllers"][NOMINAL][SIMULATOR]
     bad, runs = tally["runs_that_violated_it"], tally["runs"]
     if not bad:
         return f"none of {runs:,} runs violates the specification in the simulator, but nothing guarantees that"
@@ -383,9 +393,7 @@ def _violations(tally: Mapping[str, Any], steps: float) -> str:
         text = (
             f"{bad:,} of {runs:,} runs fail in the simulator; {own} of them reach a state without an admissible input"
         )
-    median = tally.get("median_steps_until_violation")
-    # a run that never failed is counted at its end, which tells nothing
-    return text + (f"; half of the failures occur within {median:,.0f} steps" if median and median < steps else "")
+    return f"{text}{_soon(m)}"
 
 
 def _sample(m: Material) -> str:

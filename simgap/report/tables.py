@@ -175,7 +175,9 @@ def _measured(m: Material) -> Rows:
     step = ((m.diagnosis or {}).get("remainder") or {}).get("one_step")
     if step:
         for state, before in step["before"].items():
-            what = f"one-step error on held-out data, {state} (noise floor {step['noise_floor'][state]:.3g})"
+            floor = step["noise_floor"][state]
+            hidden = "already no more than the noise of" if before <= floor else "noise floor"
+            what = f"one-step error on held-out data, {state} ({hidden} {floor:.3g})"
             rows.append({"what": what, "before": before, "after": step["after"][state], "unit": m.context.units[state]})
     first, second = _inside(m)
     if first and second and max(first["noise_alone"], second["noise_alone"]) >= SEES_GAMMA:

@@ -117,6 +117,7 @@ def test_many_effects_of_an_arm_are_told_by_kind():
     kinds = {"coulomb_friction": "F_c", "viscous_friction": "b"}
     effects = [friction(kind, symbol, j) for kind, symbol in kinds.items() for j in joints]
     told = {"verdict": "partial", "recording": [], "payloads": [], "explained_share": 0.8, "explained_error": None}
+    told["error"] = {"after": {"horizon_s": 0.0, "horizon_rmse": {}}}
     rows = [{"joint": j, "input": f"u_{j}", "link": f"link_{j}"} for j in ("j1", "j2", "j3", "j4")]
     few, many, every = (
         arm_sentence(told | {"effects": effects[:n], "joints": rows[:k]}) for n, k in ((2, 4), (6, 4), (6, 3))

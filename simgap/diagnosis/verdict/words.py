@@ -58,12 +58,12 @@ def _answer(document: Document) -> list[str]:
 
 def explained(document: Document) -> str:
     """How much: off the noise floor, of the error ahead on data that it was not fitted to, else of what is above it."""
-    told = document.get("explained_error")
+    told, ahead = document.get("explained_error"), _ahead(document["error"]["after"])
     if told is None:
-        return f"{100 * min(max(float(document['explained_share']), 0.0), 1.0):.0f} % of the excess error"
+        return f"{100 * min(max(float(document['explained_share']), 0.0), 1.0):.0f} % of the excess error{ahead}"
     low, high = (f"{100 * min(max(end, 0.0), 1.0):.0f}" for end in told["ci95"])
     share = f"{100 * told['share']:.0f} % (95 % interval {low} to {high})"
-    return f"{share} of the error{_ahead(document['error']['after'])}"
+    return f"{share} of the error{ahead}"
 
 
 def _ahead(error: Mapping[str, Any]) -> str:
@@ -186,7 +186,8 @@ def _unexplained(document: Document) -> str:
         most = document.get("at_most")
         more = f"Allow more than {most} effects (measured.max_effects), or look" if most else "Look"
         text = (
-            f"{_begun(found)} {verb} {100 * near['explained_share']:.0f} % of the error, "
+            f"{_begun(found)} {verb} {100 * near['explained_share']:.0f} % of the excess error"
+            f"{_ahead(document['error']['after'])}, "
             f"which is not enough to name {them}: {joined(near['reasons'])}."
         )
         return text if document.get("stopped") else f"{text} {more} for {seek}."
