@@ -266,7 +266,7 @@ class MeasuredSection(Section):
 
     @property
     def recorded(self) -> bool:
-        """True if a run diagnoses recordings: the case's own, or those of the simulator that stands in for the plant."""
+        """True if a run diagnoses recordings: the case's own, or those of the simulator in place of the plant."""
         return bool(self.files) or self.rig == "simulator"
 
     @model_validator(mode="after")
