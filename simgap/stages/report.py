@@ -81,7 +81,7 @@ def run(
     write_json(figures_out, summary(material, said) | {"provenance": record})
     drawn = draw(material)
     figures = {**drawn.markup, "explored": explored_runs(material)}
-    page = render(TEMPLATE, figures=figures, notes=drawn.notes, later=later, provenance=record, **said)
+    page = render(TEMPLATE, figures=figures, later=later, provenance=record, **said)
     if folder is not None:
         for name, data in drawn.files.items():
             write_bytes(folder / name, data)
