@@ -21,7 +21,7 @@ MOST = 20_000
 class Monomials(BasisSection):
     """All monomials of the states and inputs up to a total degree, inputs to the first power."""
 
-    kind: Literal["monomials"] = Field("monomials", description="Which basis.")
+    kind: Literal["monomials"] = Field("monomials", description="Kind of basis.")
     degree: int = Field(2, ge=0, description="Largest total degree; inputs enter linearly.")
 
     def listed(self, states: Sequence[str], inputs: Sequence[str], domain: Box) -> tuple[str, ...]:
@@ -50,7 +50,7 @@ def _monomial(names: Sequence[str], powers: Sequence[int]) -> str:
 class Expressions(BasisSection):
     """The terms as written."""
 
-    kind: Literal["expressions"] = Field("expressions", description="Which basis.")
+    kind: Literal["expressions"] = Field("expressions", description="Kind of basis.")
     terms: tuple[str, ...] = Field(description="The terms, over states and inputs.")
 
     @field_validator("terms", mode="before")
@@ -72,7 +72,7 @@ class Trigonometric(BasisSection):
     The period is twice the width, so that a term need not return to its first value across X.
     """
 
-    kind: Literal["trigonometric"] = Field("trigonometric", description="Which basis.")
+    kind: Literal["trigonometric"] = Field("trigonometric", description="Kind of basis.")
     harmonics: int = Field(1, ge=1, description="Harmonics along each state axis.")
 
     def listed(self, states: Sequence[str], inputs: Sequence[str], domain: Box) -> tuple[str, ...]:
@@ -88,7 +88,7 @@ class Trigonometric(BasisSection):
 class Blocks(BasisSection):
     """A value for each block of X, and for each input or for all of them."""
 
-    kind: Literal["blocks"] = Field("blocks", description="Which basis.")
+    kind: Literal["blocks"] = Field("blocks", description="Kind of basis.")
     blocks: tuple[int, ...] | None = Field(
         None, description="Number of blocks along each state axis; without it 8, or as many as the grid has cells."
     )

@@ -27,15 +27,16 @@ from simgap.simulators.commands import with_commands
 class EquationsSettings(EngineSection):
     """Equations of motion with an integrator of their own: a simulator whose gap is proven, not sampled."""
 
-    engine: Literal["equations"] = Field("equations", description="Which engine.")
+    engine: Literal["equations"] = Field("equations", description="Name of the engine.")
     equations: SymbolicPlant | None = Field(
         None, description="The dynamics over the plant's states and inputs; the plant's own, as declared, if not given."
     )
     integrator: Integrator = Field(
-        description="How they are discretised: semi_implicit_euler (as PyBullet), explicit_euler, rk4 or exact_arc."
+        description="How the equations are discretised: semi_implicit_euler (as PyBullet), explicit_euler, rk4 or "
+        "exact_arc."
     )
     parameters: dict[str, float] = Field(
-        default_factory=dict, description="Other values of parameters that the equations name."
+        default_factory=dict, description="Values of parameters in the equations that differ from the declared ones."
     )
     slopes: Literal["enclosed", "sampled"] = Field(
         "enclosed",

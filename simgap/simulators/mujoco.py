@@ -34,7 +34,7 @@ from simgap.simulators.wheeled import WheeledEngine, WheeledPlant, WheeledSettin
 class MuJoCoSettings(EngineSection):
     """MuJoCo over the plant's URDF, or over an MJCF file (optional extra `simgap[mujoco]`)."""
 
-    engine: Literal["mujoco"] = Field("mujoco", description="Which engine.")
+    engine: Literal["mujoco"] = Field("mujoco", description="Name of the engine.")
     integrator: Literal["euler", "implicit", "rk4"] = Field("euler", description="MuJoCo's integrator.")
     damping: Damping = Field(Damping(linear=0.0, angular=0.0), description="Only `joint` applies to MuJoCo.")
     mjcf: str | None = Field(
@@ -150,7 +150,7 @@ IMPRATIO = 10.0
 class MuJoCoWheeledSettings(WheeledSettings):
     """MuJoCo over a differential-drive URDF (optional extra `simgap[mujoco]`)."""
 
-    engine: Literal["mujoco_wheeled"] = Field("mujoco_wheeled", description="Which engine.")  # type: ignore[assignment]
+    engine: Literal["mujoco_wheeled"] = Field("mujoco_wheeled", description="Name of the engine.")  # type: ignore[assignment]
     gain: float = Field(
         2.0, gt=0, description="Gain of the wheels' velocity loops, N m s/rad; their torque is limited to `torque`."
     )

@@ -33,7 +33,7 @@ from simgap.simulators.wheeled import WheeledEngine, WheeledPlant, WheeledSettin
 class PyBulletSettings(EngineSection):
     """PyBullet over the plant's URDF: joints driven by torques, default motors off."""
 
-    engine: Literal["pybullet"] = Field("pybullet", description="Which engine.")
+    engine: Literal["pybullet"] = Field("pybullet", description="Name of the engine.")
     inertia: Literal["engine", "file"] = Field(
         description="engine: PyBullet's default, which ignores the URDF's inertia; file: the URDF's inertia."
     )

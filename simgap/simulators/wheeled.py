@@ -82,24 +82,24 @@ def wheel_path(effects: Sequence[AddedEffect]) -> WheelPath:
 class WheeledSettings(EngineSection):
     """PyBullet over a differential-drive URDF: wheels in contact with a floor, torque-limited velocity motors."""
 
-    engine: Literal["pybullet_wheeled"] = Field("pybullet_wheeled", description="Which engine.")
+    engine: Literal["pybullet_wheeled"] = Field("pybullet_wheeled", description="Name of the engine.")
     urdf: str = Field(
         description="Model file, relative to the case file; its root, midway between the wheels, has mass and inertia."
     )
     left: str = Field("left_wheel", description="Joint of the left wheel.")
     right: str = Field("right_wheel", description="Joint of the right wheel.")
     wheel_radius: float = Field(gt=0, description="Radius that turns speeds into wheel speeds, m.")
-    track: float = Field(gt=0, description="Distance between the wheels that does so, m.")
+    track: float = Field(gt=0, description="Distance between the wheels that turns turning rates into wheel speeds, m.")
     torque: float = Field(gt=0, description="Largest torque of a wheel motor, N m.")
     floor_friction: float = Field(gt=0, description="Friction coefficient of the floor (times that of the tyre).")
-    payload: float = Field(0.0, ge=0, description="Mass added to the base, its inertia scaled alike, kg.")
+    payload: float = Field(0.0, ge=0, description="Mass added to the base, kg; its inertia is scaled in proportion.")
     substeps: int = Field(100, ge=1, description="Engine steps within tau.")
     poses: int = Field(20, ge=1, description="Poses recorded within tau, evenly spaced; divides substeps.")
     solver_iterations: int = Field(
         100,
         ge=1,
-        description="Most iterations of the contact solver an engine step, in PyBullet where its direct solver finds "
-        "no solution; too few make turns differ between headings: friction is solved along the axes of the world.",
+        description="Most iterations of the contact solver in an engine step (in PyBullet, if its direct solver finds "
+        "no solution). With too few, turns differ between headings: friction is solved along the axes of the world.",
     )
     settle: float = Field(0.5, ge=0, description="Time at rest after loading, before the rest state is saved, s.")
     effects: tuple[AddedEffect, ...] = Field(

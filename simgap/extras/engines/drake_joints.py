@@ -21,9 +21,11 @@ from simgap.simulators.joints import JointEngine, JointPlant
 class DrakeSettings(EngineSection):
     """Drake's discrete `MultibodyPlant` over the plant's URDF: stops of joints and contact by its convex solver."""
 
-    engine: Literal["drake"] = Field("drake", description="Which engine.")
+    engine: Literal["drake"] = Field("drake", description="Name of the engine.")
     contact: bool = Field(
-        True, description="Whether links touch each other and what the file fixes to the world; no neighbours do."
+        True,
+        description="Whether links touch each other and what the file fixes to the world. Neighbouring links "
+        "never touch.",
     )
     approximation: Literal["sap", "similar", "lagged", "tamsi"] = Field(
         "lagged", description="Drake's approximation of contact (set_discrete_contact_approximation)."
