@@ -26,7 +26,7 @@ from simgap.cli.terminal import say
 from simgap.config.case import Case
 from simgap.errors import SimgapError, UserError
 from simgap.io.atomic import host, no_links_below, write_text
-from simgap.io.pages import render
+from simgap.io.pages import NO_CONTROLLER, render
 from simgap.io.results import read_json
 from simgap.io.runs import LINKED, RUN, runs_in
 
@@ -131,7 +131,6 @@ def _tell_verdict(case: Case, trials: str) -> None:
     if not bounded:
         return
     if controlled:
-        (folder / PAGE).unlink(missing_ok=True)  # of an earlier run
         verdict = read_json(page.with_name("summary.json"))["verdict"]
     else:
         verdict = [case.no_controller or _ASKS_FOR_NONE.format(case.name)]
@@ -246,11 +245,13 @@ def sweep(
         say(f"{path.stem}: {len(points)} points. Page: {target}, table: {Path(target).parent}/table.parquet")
 
 
-PAGE, TEMPLATE = "no_controller.html", "no_controller.html.j2"
+TEMPLATE = "no_controller.html.j2"
 EMPTY = "empty.json"
 """Beside the summary of a synthesis that won nothing: why."""
 _BOUNDED = ("synthesis", "validation", "audit", "trace", "report")
 """Rules that begin when the bound is there: what lies in the folder is that of this run."""
+_BESIDE = ("check", "trace", "picture")
+"""Rules whose failure has no page: `check` refuses the case in a line, on the others no page depends."""
 _FAILED = re.compile(r"^Error in rule ([^:]+):$", re.MULTILINE)
 _LOG = re.compile(r"^    log: ([^,\n]+?)(?: \(check log file|,|$)", re.MULTILINE)
 _ERROR = re.compile(r"^\S+ \S+ ERROR (.+)$", re.MULTILINE)
@@ -307,11 +308,13 @@ def _text(path: Path) -> str:
 def write_failed(failed: Sequence[Failure], words: Mapping[str, str], folder: Path = Path()) -> list[Path]:
     """A page in each folder of results of which a job failed, after `check` had nothing against the case.
 
+    What nothing depends on, such as the recording for Rerun, takes no controller away.
+
     `words` are what cases themselves say of why they ask for no controller, by folder.
     """
     found: dict[Path, list[Failure]] = {}
     for failure in failed:
-        if failure.log is not None and failure.rule != "check" and "logs" in Path(failure.log).parts:
+        if failure.log is not None and failure.rule not in _BESIDE and "logs" in Path(failure.log).parts:
             found.setdefault(Path(failure.log).parent.parent, []).append(failure)
     checked = {Path(f.log).parent.parent for f in failed if f.rule == "check" and f.log is not None}
     own = {results: why for results, why in found.items() if results not in checked}
@@ -319,20 +322,24 @@ def write_failed(failed: Sequence[Failure], words: Mapping[str, str], folder: Pa
         bounded = all(f.rule in _BOUNDED for f in why)
         said = [words[str(results)]] if words.get(str(results)) else []
         write_page(folder / results, [f.told or str(f) for f in why] + said, bounded)
-    return [results / PAGE for results in own]
+    return [results / NO_CONTROLLER for results in own]
 
 
 def write_page(results: Path, reasons: Sequence[str], bounded: bool) -> Path:
     """The page of a case that has no controller: why, the bound if there is one, and why nothing wins.
+
+    It takes the place of the pages of an earlier run, which the next one that ends well makes again.
 
     Args:
         results: folder of the case's results. reasons: a sentence each. bounded: whether its bound is of this run.
     """
     gaps = sorted(results.glob("gap/*/gap.json"), key=lambda path: path.stat().st_mtime) if bounded else []
     empty = [_read(path) for path in sorted(results.glob(f"synthesis/*/{EMPTY}")) if bounded]
-    page, title = results / PAGE, str(results).rpartition("results/")[2]
+    page, title = results / NO_CONTROLLER, str(results).rpartition("results/")[2]
     bound = _read(gaps[-1]).get("dimensions", []) if gaps else []
     write_text(page, render(TEMPLATE, title=title, reasons=reasons, bound=bound, empty=[e for e in empty if e]))
+    for earlier in ("report.html", "summary.json"):
+        (results / earlier).unlink(missing_ok=True)
     return page
 
 

@@ -49,15 +49,15 @@ class Case(Section):
     title: str = ""
     """Title of the report."""
     no_controller: str = ""
-    """Why the case asks for none, for the page of a run that ends with it."""
+    """Reason why the case has no controller; the page of its run prints it."""
     plant: PlantSection
     """The nominal model."""
     domain: DomainSection | None = None
     """Sampling time, states and inputs."""
     simulator: SimulatorSection | None = None
-    """The high-fidelity side."""
+    """The simulator that the model is compared with."""
     grid: GridSection | None = None
-    """Where the two are compared."""
+    """Samples at which simulator and model are compared."""
     gap: GapSection | None = None
     """How the gap is bounded."""
     symmetry: SymmetrySection | None = None
@@ -69,7 +69,7 @@ class Case(Section):
     synthesis: SynthesisSection | None = None
     """Specification, cells and options of the controller."""
     validation: ValidationSection | None = None
-    """The closed loop that checks it."""
+    """Simulated runs that test the controllers."""
     audit: AuditSection | None = None
     """The adversary's budget against bound and controller."""
     twin: TwinSection | None = None
@@ -137,8 +137,8 @@ def schema_text() -> str:
     }
     schema["properties"]["extends"] = {
         "type": "string",
-        "description": "Another case file in this folder: sections that are not given here are taken from it; null "
-        "removes one.",
+        "description": "Another case file in this folder. Sections that are not given here are taken from it; null "
+        "removes a section.",
     }
     own = [name for name in schema.pop("required") if name != "plant"]
     schema["anyOf"] = [{"required": [*own, "plant"]}, {"required": [*own, "extends"]}]

@@ -69,20 +69,20 @@ BUDGET_OF_HISTORIES = {Trials.PLAIN: (6_000, 2_000), Trials.FULL: (30_000, 10_00
 def _unless_given(index: int) -> str:
     """Words about the number that stands in for one that a case does not give."""
     plain, full = ((BUDGET[t][index], BUDGET_OF_HISTORIES[t][index]) for t in (Trials.PLAIN, Trials.FULL))
-    return f"if not given {plain[0]:,}, {full[0]:,} in a full run; {plain[1]:,} and {full[1]:,} with a hidden_state."
+    return f"Default: {plain[0]:,} (full run: {full[0]:,}); with a hidden_state {plain[1]:,} ({full[1]:,})."
 
 
 class AuditSection(Section):
     """Budget of the adversary."""
 
     evaluations: int | None = Field(
-        None, ge=1, description=f"Steps of the simulator on which the gap's bound is attacked; {_unless_given(0)}"
+        None, ge=1, description=f"Simulator steps that attack the bound of the gap. {_unless_given(0)}"
     )
     steps: int | None = Field(
         None,
         ge=1,
-        description="Closed-loop steps under the worst admissible inputs, in the simulator and as many against "
-        f"the worst disturbance; {_unless_given(1)}",
+        description="Closed-loop steps under the worst admissible inputs in the simulator, and as many against "
+        f"the worst disturbance. {_unless_given(1)}",
     )
     seed: int = Field(21, ge=0)
     """Seed of everything random in the audit."""
@@ -107,18 +107,18 @@ class ValidationSection(Section):
     starts: int | None = Field(
         None,
         ge=1,
-        description="Starts, drawn from the winning domain of the gap-aware controller; if not given "
-        f"{STARTS:,}, {FULL_STARTS:,} in a full run. In a plain run the controllers to compare with take "
-        f"{BASELINE_STARTS:,} of them.",
+        description="Number of runs; their initial states are drawn from the winning domain of the gap-aware "
+        f"controller. Default: {STARTS:,} (full run: {FULL_STARTS:,}). In a plain run, the other controllers run "
+        f"from {BASELINE_STARTS:,} of them.",
     )
     first: tuple[dict[str, float], ...] = ()
-    """States to start from before the drawn ones; each must be in both winning domains."""
+    """Initial states of the first runs, before random ones; each must be in both winning domains."""
     steps: int = Field(2000, ge=1)
-    """Samples a run."""
+    """Samples in each run."""
     seed: int = Field(0, ge=0)
     """Seed of the starts."""
     kept: int = Field(4, ge=1)
-    """Runs of each controller whose traces are written."""
+    """Number of runs of each controller whose traces are kept."""
     fair_baseline: bool = False
     """Whether a third controller runs from the same starts: made for the nominal model alone, like the nominal-only
     one, but checking what that model does between samples. For specifications of the whole path."""

@@ -85,29 +85,29 @@ class HiddenStateSection(Section):
     """State that earlier inputs leave behind in the simulator, and how it is covered."""
 
     previous: dict[str, int]
-    """For each input, how many of its values represent the previous input: the extremes and between."""
+    """For each input, how many of its values represent the previous input: the extremes, and values between."""
     classes: dict[str, int] = Field(default_factory=dict)
     """For each input, the number of intervals that divide the previous input into classes: the bound is taken for each
     class, and the controller remembers the class. None: one class, no memory."""
     length: int = Field(4, ge=1)
-    """Longest histories tried; the bound must stop growing by then (inputs before the present)."""
+    """Longest histories that are tried, in inputs before the present one; the bound must stop growing by then."""
     chains: int = Field(40, ge=2)
     """Random input sequences that look for what the previous inputs missed."""
     chain_length: int = Field(500, ge=10)
-    """Samples in each of them."""
+    """Samples in each of these sequences."""
     growth: float = Field(0.1, gt=0)
-    """Largest growth with longer histories, relative to the bound's sup, that counts as none."""
+    """Growth of the bound with longer histories, relative to its sup, up to which it counts as settled."""
     seed: int = Field(2, ge=0)
-    """Seed of the random sequences."""
+    """Seed of the random input sequences."""
     fresh_samples: int = Field(20_000, ge=1)
-    """Steps of other random sequences on which the bound is checked; no bound sees them."""
+    """Steps of other random sequences, on which the bound is checked; they are not used in any bound."""
     fresh_length: int = Field(5, ge=2)
     """Samples in each fresh sequence: sequences are independent, steps of one are not."""
     fresh_seed: int = Field(11, ge=0)
-    """Of those."""
+    """Seed of the fresh sequences."""
     search: int = Field(2000, ge=0)
-    """Steps of a directed search over histories and headings that widens the bound, and as many of a second one that
-    must not break it; 0: neither."""
+    """Steps of a directed search over histories and headings that widens the bound, and as many steps of a second
+    search that must not break it. 0 turns both off."""
     search_length: int = Field(2, ge=1)
     """Inputs before the present one in these searches."""
     search_seed: int = Field(21, ge=0)
@@ -142,7 +142,7 @@ class ConformalSection(Section):
     miscoverage: float = Field(0.01, gt=0.0, lt=1.0)
     """Probability with which a random sample may lie outside."""
     calibration_samples: int = Field(20_000, ge=100)
-    """Random samples that set the width; neither the fit nor the check sees them."""
+    """Random samples that set the width; they are not used in the fit or the check."""
     seed: int = Field(3, ge=0)
     """Seed of these samples; differs from `gap.seed`, which draws those of the check."""
 
@@ -184,8 +184,8 @@ class GapSection(Section):
     fresh_samples: int = Field(300_000, ge=1)
     """Random off-grid samples for the check, never used in the fit."""
     remainder: dict[str, NotNegative] = Field(default_factory=dict)
-    """For a state, what measured data leave unexplained in one step, in its unit; added on both sides of the bound so
-    that it covers the hardware and not the simulator alone. `simgap diagnose` writes it."""
+    """For a state, the one-step error that measured data leave unexplained, in its unit. It is added on both sides
+    of the bound, which then covers the hardware and not only the simulator. `simgap diagnose` writes it."""
     remainder_within: tuple[RemainderWithin, ...] = ()
     """Boxes of the states in which more is left, such as near rest, where dry friction sticks; in cells that a box
     touches, its numbers replace `remainder` where they are larger. A bound that is not a table of cells takes them

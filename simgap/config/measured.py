@@ -167,9 +167,9 @@ class Mask(Section):
     """A stretch of time to keep or to drop, such as the time after another controller took over."""
 
     file: str | None = None
-    """File it is about (its name, or the end of its path); any file if not given."""
+    """File to which the range applies (its name, or the end of its path); every file if not given."""
     trace: str | None = None
-    """Value of the trace column it is about; any trace if not given."""
+    """Value of the trace column to which the range applies; every trace if not given."""
     keep: Range | None = None
     """Keep only this time range of the file."""
     drop: Range | None = None
@@ -200,9 +200,9 @@ class PayloadSection(Section):
     file: str
     """The file (its name, or the end of its path)."""
     link: str
-    """The link that it was mounted on: one that a joint moves."""
+    """The link on which it was mounted; a joint must move it."""
     mass: float | None = Field(None, gt=0)
-    """Its mass in kg, where it is known; found where it is not."""
+    """Its mass in kg, if known; otherwise the mass is estimated."""
 
 
 class MeasuredSection(Section):
@@ -234,7 +234,7 @@ class MeasuredSection(Section):
     payloads: tuple[PayloadSection, ...] = ()
     """Weights that were mounted on a link of an arm of three joints or more in some files."""
     held_out: HeldOut = Field(default_factory=HeldOut)
-    """The data that are kept for judging."""
+    """Data that are held out for the verdict."""
     window_s: float = Field(1.0, gt=0)
     """Length of the windows that are simulated in the fit, in seconds."""
     horizon_s: float = Field(0.5, gt=0)
@@ -252,8 +252,8 @@ class MeasuredSection(Section):
     """Largest number of effects in one explanation (if not given 5; if more than noise is left, each beyond the third
     must halve the squared error); of an arm of three joints or more, at each joint (3 if not given)."""
     budget_s: float | None = Field(None, gt=0)
-    """CPU seconds that the search and its judgement may take; then the last answer that was judged on the way stands,
-    and says so. What it is may differ between machines. Without it they take what they need."""
+    """Limit of the CPU seconds of search and verdict. When they are spent, the last answer that was judged is
+    reported, with a remark; it may differ between machines. No limit if not given."""
     confidence: float = Field(0.95, gt=0.5, lt=1)
     """Requested coverage of the conformal bound on what no effect explains."""
     rig: Literal["simulator", "hardware"] = "hardware"
@@ -263,6 +263,11 @@ class MeasuredSection(Section):
     """hardware: whether the simulator of the corrected case also simulates the effects. By default the version with the
     smaller error on the confirming recordings is taken; where that cannot be decided, a simulator made of the nominal
     model gets them and one with a model of its own does not."""
+
+    @property
+    def recorded(self) -> bool:
+        """True if a run diagnoses recordings: the case's own, or those of the simulator in place of the plant."""
+        return bool(self.files) or self.rig == "simulator"
 
     @model_validator(mode="after")
     def _one_source_each(self) -> MeasuredSection:

@@ -22,7 +22,7 @@ class State(Section):
     joint: str | None = None
     """URDF plants: the joint whose quantity this state is."""
     quantity: Literal["position", "velocity"] | None = None
-    """URDF plants: which quantity of it."""
+    """URDF plants: which quantity of the joint this state is."""
     lag_of: str | None = None
     """The input whose lagged value this state is: an effect that lags (`input_lag`) is then part of the nominal model.
     The state is called <input>_lagged, comes after the plant's own, and has its range in domain.X. Without it a lag is
@@ -63,11 +63,11 @@ class SymbolicCoordinate(Section):
     force_gain: str | None = None
     """d(velocity rate)/d(force): an expression, for one hinge 1/(inertia). Not with `force_map` or `mass_matrix`."""
     force_map: dict[str, str] | None = None
-    """What a force on this coordinate does to the rate of each velocity, expressions; velocities that are not named
-    stay as they are. In the place of `force_gain` where the force moves other coordinates too."""
+    """For each velocity, d(its rate)/d(force on this coordinate): an expression; 0 for velocities that are not
+    named. Use it in place of `force_gain` if the force moves other coordinates too."""
     force_unit: str | None = None
-    """Unit of the force on it; if not given, N where the position is a length, N*m where it is an angle or has no unit,
-    and what makes it an energy with any other."""
+    """Unit of the force on it. If not given: N for a length, N*m for an angle or a position without a unit;
+    otherwise the unit with which force times position is an energy."""
 
 
 class Wheels(Section):

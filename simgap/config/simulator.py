@@ -25,7 +25,7 @@ class EngineSection(Section):
     effects: tuple[AddedEffect, ...] = ()
     """Effects applied at every engine step."""
     timeout: float = Field(60.0, gt=0)
-    """Longest time of one call of an engine that is not simgap's own, s; then it is ended."""
+    """Time limit of one call of an engine that is not part of simgap, s; a longer call is ended."""
 
     OPTIONAL: ClassVar[tuple[str, ...]] = ("timeout",)
 

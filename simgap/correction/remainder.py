@@ -278,7 +278,7 @@ def use_of(remainder: Remainder | None, verdict: str, rig: str, has_gap: bool, h
     """
     finite = {s: v for s, v in remainder.after.items() if math.isfinite(v)} if remainder is not None else {}
     obstacles = (
-        (verdict != "partial", "a remainder is added for the verdict 'partial' alone"),
+        (verdict != "partial", "a remainder is added only where the verdict is 'partial'"),
         (rig == "simulator", "the recordings are of the case's own simulator, whose gap is measured there"),
         (has_hidden_state, "the bound of a simulator with hidden state does not take measured remainders in"),
         (not has_gap, "the case has no `gap:` section"),

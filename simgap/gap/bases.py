@@ -22,7 +22,7 @@ class Monomials(BasisSection):
     """All monomials of the states and inputs up to a total degree, inputs to the first power."""
 
     kind: Literal["monomials"] = "monomials"
-    """Which basis."""
+    """Kind of basis."""
     degree: int = Field(2, ge=0)
     """Largest total degree; inputs enter linearly."""
 
@@ -53,7 +53,7 @@ class Expressions(BasisSection):
     """The terms as written."""
 
     kind: Literal["expressions"] = "expressions"
-    """Which basis."""
+    """Kind of basis."""
     terms: tuple[str, ...]
     """The terms, over states and inputs."""
 
@@ -77,7 +77,7 @@ class Trigonometric(BasisSection):
     """
 
     kind: Literal["trigonometric"] = "trigonometric"
-    """Which basis."""
+    """Kind of basis."""
     harmonics: int = Field(1, ge=1)
     """Harmonics along each state axis."""
 
@@ -95,7 +95,7 @@ class Blocks(BasisSection):
     """A value for each block of X, and for each input or for all of them."""
 
     kind: Literal["blocks"] = "blocks"
-    """Which basis."""
+    """Kind of basis."""
     blocks: tuple[int, ...] | None = None
     """Number of blocks along each state axis; without it 8, or as many as the grid has cells."""
     per_input: bool = True

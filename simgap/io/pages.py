@@ -17,6 +17,8 @@ from simgap.errors import UserError
 from simgap.notation import interval, number, powers, pretty_unit, printable
 
 STYLE = "style.css"
+NO_CONTROLLER = "no_controller.html"
+"""Page of a run that ends without a controller; the page of a case takes its place, and it that of the page."""
 _PACKAGED, _CHECKOUT = (reading.real(Path(__file__)).parents[k] / n for k, n in ((1, "templates"), (2, "reports")))
 
 

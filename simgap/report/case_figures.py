@@ -1,4 +1,4 @@
-"""The pictures of a case's page, each as text to put into it, with what must be said under them."""
+"""The pictures of a case's page, each as text to put into it and as a file."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ import numpy as np
 from simgap.io import figure_style as style
 from simgap.io.rerun.recording import PlanarScene
 from simgap.io.results import stack
-from simgap.io.traces import GAP_AWARE, MODEL, NOMINAL, SIMULATOR, first_seconds, shown
+from simgap.io.traces import GAP_AWARE, NOMINAL, SIMULATOR, first_seconds, shown
 from simgap.plants.context import Context
 from simgap.report.figures import cells, gap, problem, runs
 from simgap.report.material import Material
 from simgap.report.scene import limits, scene
-from simgap.report.tables import is_signed, promised_steps, sweep
+from simgap.report.tables import promised_steps, sweep
 from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
 
@@ -52,12 +52,11 @@ class Drawn:
     """The pictures of a page.
 
     Attributes:
-        markup: by name, empty where a case has no use for one; notes: what must be said under some, by name.
+        markup: by name, empty where a case has no use for one.
         files: the same pictures as files, by file name; picture: a small PNG that stands for the case.
     """
 
     markup: Mapping[str, Any]
-    notes: Mapping[str, str]
     files: Mapping[str, bytes]
     picture: bytes
 
@@ -84,7 +83,7 @@ def draw(m: Material) -> Drawn:
             if name == small:
                 picture = png(figure, SMALL_DPI)
             style.close(figure)
-    return Drawn(figures, {"model": model_note(m)}, files, picture)
+    return Drawn(figures, files, picture)
 
 
 def _problem(m: Material) -> Any:
@@ -161,18 +160,3 @@ def surroundings(context: Context, axes: tuple[int, int] = (0, 1)) -> Callable[[
     """Function that draws the specification over two states on axes of matplotlib."""
     specification, space = specification_of(context.case), Space.of(context.case)
     return lambda own: specification.draw(own, space, axes, style.SURROUNDINGS)
-
-
-def model_note(m: Material) -> str:
-    """Why the gap-aware controller may fail on the nominal model, where it does."""
-    tally = m.validation["controllers"][GAP_AWARE].get(MODEL)
-    if not tally or not tally["runs_that_violated_it"]:
-        return ""
-    bad, runs = tally["runs_that_violated_it"], tally["runs"]
-    if is_signed(m.gap):
-        return (
-            f"On the nominal model itself the gap-aware controller ends {bad:,} of {runs:,} runs early. That is "
-            "expected: a signed gap removes the simulator's bias from the model, so this controller is made for the "
-            "simulator, and the nominal model is outside its bound."
-        )
-    return f"On the nominal model itself the gap-aware controller ends {bad:,} of {runs:,} runs early."

@@ -11,7 +11,7 @@ import numpy as np
 from simgap.config.controller import Trials
 from simgap.gap.bounds.function import PROVEN
 from simgap.gap.fitting.acceptance import Outside, clopper_pearson_upper
-from simgap.io.traces import BASELINE, EVERY_TITLE, GAP_AWARE, MODEL, NOMINAL, SIMULATOR, shown
+from simgap.io.traces import BASELINE, EVERY_TITLE, GAP_AWARE, MODEL, NOMINAL, shown
 from simgap.notation import number, pretty_unit
 from simgap.report import tables
 from simgap.report.material import Material
@@ -168,13 +168,11 @@ LITTLE = 2
 
 def verdict(m: Material) -> dict[str, Any]:
     """Verdict on the promise, in plain words and figures, and a technical sentence on each part of the evidence."""
-    tallies = m.validation["controllers"]
-    gap_aware, nominal = tallies[GAP_AWARE][SIMULATOR], tallies[NOMINAL][SIMULATOR]
+    gap_aware = m.tally(GAP_AWARE)
     kept, runs = gap_aware["runs_that_kept_the_specification"], gap_aware["runs"]
     attacked = m.audit["violations"] if m.audit is not None else 0
     good = kept == runs and gap_aware["steps_outside_gamma"] == 0 and not attacked
-    words, section = specification_of(m.context.case).words, m.context.case.validation
-    steps = section.steps if section is not None else math.inf
+    words = specification_of(m.context.case).words
     little = little_won(tables.promised_steps(m))
     recordings = contradicted(m)
     only = " in the simulator, not shown for the plant" if recordings else ", but small" if little else ""
@@ -188,7 +186,7 @@ def verdict(m: Material) -> dict[str, Any]:
         "gap_aware": f"Gap-aware controller: {kept:,} of {runs:,} runs {words.kept}, "
         f"{gap_aware['steps_outside_gamma']:,} of {gap_aware['steps']:,} steps outside gamma.",
         "sample": _sample(m),
-        "nominal": f"Nominal-only controller: {_violations(nominal, steps)}.",
+        "nominal": f"Nominal-only controller: {_violations(m)}.",
         "failure": failure(m),
         "cells_apart": cells_apart(m),
         "on_model": on_model(m),
@@ -222,15 +220,14 @@ def contradicted(m: Material) -> str:
 
 def plain(m: Material) -> str:
     """Summary for a reader who does not know the terms: both controllers, and the adversary."""
-    tallies, failed = m.validation["controllers"], specification_of(m.context.case).words.failed
-    gap_aware, nominal = tallies[GAP_AWARE][SIMULATOR], tallies[NOMINAL][SIMULATOR]
+    gap_aware, failed = m.tally(GAP_AWARE), specification_of(m.context.case).words.failed
     bad, runs = gap_aware["runs_that_violated_it"], gap_aware["runs"]
     checked = "" if specification_of(m.context.case).between_samples else f", checked every {m.context.domain.tau:g} s"
     said = f"In {runs:,} simulated runs{_length(m)}{checked}, the controller that knows the gap "
     said += f"never {failed}. " if not bad else f"failed {bad:,} times. "
     if outside := gap_aware["steps_outside_gamma"]:
         said += f"But {outside:,} of {gap_aware['steps']:,} steps lay outside the bound of the gap. "
-    said += f"The controller that trusts the model {_trusting(nominal, failed, m.context.domain.tau)}."
+    said += f"The controller that trusts the model {_trusting(m, failed)}."
     if m.audit is None:
         return said
     found, tried = m.audit["violations"], tables.attempts(m.audit)
@@ -239,21 +236,31 @@ def plain(m: Material) -> str:
 
 def _length(m: Material) -> str:
     """How long a run is, as words behind it: a promise may be for ever, no run is."""
-    tally, steps = m.validation["controllers"][GAP_AWARE][SIMULATOR], m.validation["steps"]
+    tally, steps = m.tally(GAP_AWARE), m.validation["steps"]
     whole = tally["steps"] == tally["runs"] * steps
     return f" of {'' if whole else 'at most '}{number(steps * m.context.domain.tau, 3)} s"
 
 
-def _trusting(tally: Mapping[str, Any], failed: str, tau: float) -> str:
+def _trusting(m: Material, failed: str) -> str:
     """Clause on how the nominal-only controller ended, after the words that name it."""
-    bad, runs, median = tally["runs_that_violated_it"], tally["runs"], tally.get("median_steps_until_violation")
+    tally = m.tally(NOMINAL)
+    bad, runs = tally["runs_that_violated_it"], tally["runs"]
     if not runs:
         return "promises nothing at any of these starts"
     if not bad:
         return f"did not fail in {runs:,} runs either, but nothing guarantees that"
-    what = _ended(tally, failed)
-    soon = f", half of the failures within {number(median * tau, 2)} s" if median and bad > 1 else ""
-    return f"{what} in {bad:,} of {runs:,} runs{soon}"
+    return f"{_ended(tally, failed)} in {bad:,} of {runs:,} runs{_soon(m)}"
+
+
+def _soon(m: Material) -> str:
+    """Clause on when half of the failures had occurred; one that is counted when the time is up has no instant."""
+    tally = m.tally(NOMINAL)
+    median = tally.get("median_steps_until_violation")
+    if not median or tally["runs_that_violated_it"] < 2:
+        return ""
+    if median >= m.validation["steps"]:
+        return ", most of them counted at the end of the run"
+    return f", half of the failures within {number(median * m.context.domain.tau, 2)} s"
 
 
 def _ended(tally: Mapping[str, Any], failed: str) -> str:
@@ -263,10 +270,11 @@ def _ended(tally: Mapping[str, Any], failed: str) -> str:
 
 def tiles(m: Material) -> list[tuple[str, str]]:
     """Key figures: a value, and what it is."""
-    tallies, words = m.validation["controllers"], specification_of(m.context.case).words
+    words = specification_of(m.context.case).words
     found = [
-        (f"{t['runs_that_violated_it']:,} of {t['runs']:,}", f"runs {_ended(t, words.failed)}, {name}")
-        for t, name in ((tallies[k][SIMULATOR], EVERY_TITLE[k]) for k in (GAP_AWARE, BASELINE, NOMINAL) if k in tallies)
+        (f"{t['runs_that_violated_it']:,} of {t['runs']:,}", f"runs {_ended(t, words.failed)}, {EVERY_TITLE[kind]}")
+        for kind in (GAP_AWARE, BASELINE, NOMINAL)
+        if (t := m.tally(kind))
     ]
     if m.audit is not None:
         found.append(
@@ -318,7 +326,7 @@ def failure(m: Material) -> str:
     Nothing where the run fails otherwise: the step has to end outside the domain, and inside without its gap.
     """
     run, controller, units = shown(m.traces, NOMINAL), m.controllers[NOMINAL], m.context.units
-    if len(run.x) < 2 or not m.validation["controllers"][NOMINAL][SIMULATOR]["runs_that_violated_it"]:
+    if len(run.x) < 2 or not m.tally(NOMINAL)["runs_that_violated_it"]:
         return ""
     end, gap = run.x[-1], run.d[-2]
     if not controller.contains((end - gap)[None])[0] or controller.contains(end[None])[0]:
@@ -357,12 +365,14 @@ def cells_apart(m: Material) -> str:
 
 def on_model(m: Material) -> str:
     """Why the gap-aware controller fails on the nominal model, where it does: that is not what it was made for."""
-    tally = m.validation["controllers"][GAP_AWARE].get(MODEL)
-    if tally is None or not tally["runs_that_violated_it"]:
+    tally = m.tally(GAP_AWARE, MODEL)
+    if not tally or not tally["runs_that_violated_it"]:
         return ""
+    bad, runs = tally["runs_that_violated_it"], tally["runs"]
+    if not tables.is_signed(m.gap):
+        return f"On the nominal model itself, {bad:,} of {runs:,} runs of the gap-aware controller fail."
     own = getattr(m.context.case.simulator, "inertia", None) == "engine"
     other = ", whose inertia the engine computes," * own
-    bad, runs = tally["runs_that_violated_it"], tally["runs"]
     return (
         f"The gap-aware controller is made for the simulator{other} and promises nothing about the nominal model. "
         f"There, {bad:,} of {runs:,} runs fail, as they may: gamma excludes a gap of zero in places."
@@ -373,7 +383,8 @@ def _cells(count: int) -> str:
     return f"{count:,} cell{'s' * (count != 1)}"
 
 
-def _violations(tally: Mapping[str, Any], steps: float) -> str:
+def _violations(m: Material) -> str:
+    tally = m.tally(NOMINAL)
     bad, runs = tally["runs_that_violated_it"], tally["runs"]
     if not bad:
         return f"none of {runs:,} runs violates the specification in the simulator, but nothing guarantees that"
@@ -383,14 +394,12 @@ def _violations(tally: Mapping[str, Any], steps: float) -> str:
         text = (
             f"{bad:,} of {runs:,} runs fail in the simulator; {own} of them reach a state without an admissible input"
         )
-    median = tally.get("median_steps_until_violation")
-    # a run that never failed is counted at its end, which tells nothing
-    return text + (f"; half of the failures occur within {median:,.0f} steps" if median and median < steps else "")
+    return f"{text}{_soon(m)}"
 
 
 def _sample(m: Material) -> str:
     """Sentence on what the number of runs alone says, whatever bound and controller rest on, and what more would."""
-    tally, section = m.validation["controllers"][GAP_AWARE][SIMULATOR], m.context.case.validation
+    tally, section = m.tally(GAP_AWARE), m.context.case.validation
     given = len(section.first) if section is not None else 0
     bad, drawn = tally["runs_that_violated_it"], tally["runs"] - given
     if drawn < 1:
@@ -409,7 +418,7 @@ def _at_most(n: int, bad: int) -> str:
 
 def _arrival(m: Material) -> str:
     """When the target is reached at the latest, promised and seen."""
-    tally, tau = m.validation["controllers"][GAP_AWARE][SIMULATOR], m.context.domain.tau
+    tally, tau = m.tally(GAP_AWARE), m.context.domain.tau
     promised, steps, rounds = tables.promised_steps(m), tally.get("steps_to_target"), tally.get("rounds")
     if promised is None or not (steps or rounds):
         return ""
@@ -423,8 +432,8 @@ def _arrival(m: Material) -> str:
 
 def _baseline(m: Material) -> str:
     """Sentence on what the fair baseline did; empty where none ran."""
-    tally = m.validation["controllers"].get(BASELINE, {}).get(SIMULATOR)
-    if tally is None:
+    tally = m.tally(BASELINE)
+    if not tally:
         return ""
     words = specification_of(m.context.case).words
     kept, runs = tally["runs_that_kept_the_specification"], tally["runs"]

@@ -13,7 +13,7 @@ from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY
 from simgap.diagnosis.verdict.missing import Missing
 from simgap.io import figure_style as style
 from simgap.io.pages import render
-from simgap.notation import joined
+from simgap.notation import joined, number
 from simgap.report.explorer import explored_predictions
 from simgap.report.figures import diagnosis as pictures
 
@@ -98,4 +98,4 @@ def _fold(fold: Mapping[str, Any]) -> str:
 
 
 def _span(window: Mapping[str, Any]) -> str:
-    return f"{window['from']:.3g} to {window['to']:.3g}"
+    return f"{number(window['from'])} to {number(window['to'])}"

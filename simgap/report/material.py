@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from simgap.gap.bounds.function import GapFunction
-from simgap.io.traces import Trace
+from simgap.io.traces import SIMULATOR, Trace
 from simgap.plants.context import Context
 from simgap.synthesis.controller import Controller
 
@@ -49,3 +49,8 @@ class Material:
     audit: Mapping[str, Any] | None = None
     margins: Any = None
     twin: Mapping[str, Any] | None = None
+
+    def tally(self, controller: str, plant: str = SIMULATOR) -> Mapping[str, Any]:
+        """What the runs of a controller on a plant came to; empty where there were none."""
+        own: Mapping[str, Any] = self.validation["controllers"].get(controller, {}).get(plant, {})
+        return own

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from simgap.geometry import Box
-from simgap.io.rerun.recording import SERIES, Content, JointScene, PlanarScene
+from simgap.io.rerun.recording import Content, JointScene, PlanarScene
 from simgap.io.traces import GAP_AWARE, NOMINAL, TITLES, Trace, shown
 from simgap.notation import axis_label
 from simgap.plants.context import Context
@@ -46,11 +48,9 @@ Both controllers in the simulator, on the time line `sim_time`.
 - **blue**: the controller made for the model **with** its gap
 - **vermilion**: the controller made for the nominal model alone
 - **grey**: the same controller on the nominal model itself
-- **orange**: the bound of the gap; **green**: the ends of the safe set
+- **orange**: the bound of the gap{green}
 
 Winning domains ({domains}): pale where both win, blue or vermilion where only one does.
-
-Where each gap lies in its bound: {series}.
 
 {runs}
 """
@@ -60,16 +60,17 @@ def recording_content(context: Context, traces: list[Trace], nominal: Controller
     """Content of the recording of a case."""
     chosen = {kind: shown(traces, kind) for kind in (GAP_AWARE, NOMINAL)}
     lines = [f"- {TITLES[kind]}: run {t.run}, {_fate(t)}" for kind, t in chosen.items()]
-    series = ", ".join(f"{n} {SERIES[j % len(SERIES)][1]}" for j, n in enumerate(context.states))
+    safe = limits(context)
+    green = "; **green**: the ends of the safe set" if np.isfinite([safe.lo, safe.hi]).any() else ""
     title = context.case.title or context.case.name
-    about = ABOUT.format(title=title, runs="\n".join(lines), series=series, domains=_domains(context, gap_aware))
+    about = ABOUT.format(title=title, runs="\n".join(lines), green=green, domains=_domains(context, gap_aware))
     return Content(
         case=context.case.name,
         about=about,
         states=tuple(context.states),
         inputs=tuple(context.inputs),
         units=context.units,
-        safe=limits(context),
+        safe=safe,
         traces=traces,
         shown=chosen,
         controllers={GAP_AWARE: gap_aware, NOMINAL: nominal},

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from simgap.io.traces import BASELINE, EVERY_TITLE, GAP_AWARE, MODEL, NOMINAL, SIMULATOR, TITLES
-from simgap.notation import pretty_unit
+from simgap.notation import number, pretty_unit
 from simgap.report.material import Material
 
 Rows = list[dict[str, Any]]
@@ -88,10 +88,10 @@ def scenario(gap: Mapping[str, Any]) -> Rows:
 def loops(m: Material) -> Rows:
     """One row for each controller on each plant."""
     return [
-        {"controller": EVERY_TITLE[kind], "plant": plant, **m.validation["controllers"][kind][plant]}
+        {"controller": EVERY_TITLE[kind], "plant": plant, **tally}
         for kind in (GAP_AWARE, BASELINE, NOMINAL)
         for plant in (SIMULATOR, MODEL)
-        if plant in m.validation["controllers"].get(kind, {})
+        if (tally := m.tally(kind, plant))
     ]
 
 
@@ -132,7 +132,7 @@ def hidden_state(m: Material) -> list[tuple[str, str]]:
 
 def _by_state(m: Material, values: Iterable[float]) -> str:
     named = zip(m.context.states, values, strict=False)
-    return ", ".join(f"{n} {v:.3g} {pretty_unit(m.context.units[n])}" for n, v in named)
+    return ", ".join(f"{n} {number(v, 3)} {pretty_unit(m.context.units[n])}" for n, v in named)
 
 
 def diagnosis(m: Material) -> dict[str, Any] | None:
@@ -175,7 +175,9 @@ def _measured(m: Material) -> Rows:
     step = ((m.diagnosis or {}).get("remainder") or {}).get("one_step")
     if step:
         for state, before in step["before"].items():
-            what = f"one-step error on held-out data, {state} (noise floor {step['noise_floor'][state]:.3g})"
+            floor = step["noise_floor"][state]
+            hidden = "already no more than the noise of" if before <= floor else "noise floor"
+            what = f"one-step error on held-out data, {state} ({hidden} {floor:.3g})"
             rows.append({"what": what, "before": before, "after": step["after"][state], "unit": m.context.units[state]})
     first, second = _inside(m)
     if first and second and max(first["noise_alone"], second["noise_alone"]) >= SEES_GAMMA:
@@ -267,7 +269,7 @@ def adversary(m: Material) -> dict[str, Any] | None:
     if m.audit is None:
         return None
     loops, gap = m.audit["closed_loop"], m.audit["gap"]
-    fresh, random = m.gap.get("fresh", {}), m.validation["controllers"][GAP_AWARE][SIMULATOR]
+    fresh, random = m.gap.get("fresh", {}), m.tally(GAP_AWARE)
     rows = [
         ("gamma, single steps", "random", None, fresh.get("samples", 0), fresh.get("violations", 0)),
         ("gamma, single steps", "adversary", None, m.audit["evaluations"], gap["violations"]),

@@ -28,13 +28,13 @@ class EquationsSettings(EngineSection):
     """Equations of motion with an integrator of their own: a simulator whose gap is proven, not sampled."""
 
     engine: Literal["equations"] = "equations"
-    """Which engine."""
+    """Name of the engine."""
     equations: SymbolicPlant | None = None
     """The dynamics over the plant's states and inputs; the plant's own, as declared, if not given."""
     integrator: Integrator
-    """How they are discretised: semi_implicit_euler (as PyBullet), explicit_euler, rk4 or exact_arc."""
+    """How the equations are discretised: semi_implicit_euler (as PyBullet), explicit_euler, rk4 or exact_arc."""
     parameters: dict[str, float] = Field(default_factory=dict)
-    """Other values of parameters that the equations name."""
+    """Values of parameters in the equations that differ from the declared ones."""
     slopes: Literal["enclosed", "sampled"] = "enclosed"
     """enclosed: the gap is bounded from the expressions, and nothing is estimated. sampled: as that of any other
     engine; for many substeps, whose expressions are too large."""

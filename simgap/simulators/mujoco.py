@@ -26,7 +26,7 @@ class MuJoCoSettings(EngineSection):
     """MuJoCo over the plant's URDF, or over an MJCF file (optional extra `simgap[mujoco]`)."""
 
     engine: Literal["mujoco"] = "mujoco"
-    """Which engine."""
+    """Name of the engine."""
     integrator: Literal["euler", "implicit", "rk4"] = "euler"
     """MuJoCo's integrator."""
     damping: Damping = Damping(linear=0.0, angular=0.0)

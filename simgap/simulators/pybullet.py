@@ -33,7 +33,7 @@ class PyBulletSettings(EngineSection):
     """PyBullet over the plant's URDF: joints driven by torques, default motors off."""
 
     engine: Literal["pybullet"] = "pybullet"
-    """Which engine."""
+    """Name of the engine."""
     inertia: Literal["engine", "file"]
     """engine: PyBullet's default, which ignores the URDF's inertia; file: the URDF's inertia."""
     damping: Damping = Damping()

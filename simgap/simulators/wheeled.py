@@ -83,7 +83,7 @@ class WheeledSettings(EngineSection):
     """PyBullet over a differential-drive URDF: wheels in contact with a floor, torque-limited velocity motors."""
 
     engine: Literal["pybullet_wheeled"] = "pybullet_wheeled"
-    """Which engine."""
+    """Name of the engine."""
     urdf: str
     """Model file, relative to the case file; its root, midway between the wheels, has mass and inertia."""
     left: str = "left_wheel"
@@ -93,20 +93,20 @@ class WheeledSettings(EngineSection):
     wheel_radius: float = Field(gt=0)
     """Radius that turns speeds into wheel speeds, m."""
     track: float = Field(gt=0)
-    """Distance between the wheels that does so, m."""
+    """Distance between the wheels that turns turning rates into wheel speeds, m."""
     torque: float = Field(gt=0)
     """Largest torque of a wheel motor, N m."""
     floor_friction: float = Field(gt=0)
     """Friction coefficient of the floor (times that of the tyre)."""
     payload: float = Field(0.0, ge=0)
-    """Mass added to the base, its inertia scaled alike, kg."""
+    """Mass added to the base, kg; its inertia is scaled in proportion."""
     substeps: int = Field(100, ge=1)
     """Engine steps within tau."""
     poses: int = Field(20, ge=1)
     """Poses recorded within tau, evenly spaced; divides substeps."""
     solver_iterations: int = Field(100, ge=1)
-    """Most iterations of the contact solver an engine step, in PyBullet where its direct solver finds no solution; too
-    few make turns differ between headings: friction is solved along the axes of the world."""
+    """Most iterations of the contact solver in an engine step (in PyBullet, if its direct solver finds no solution).
+    With too few, turns differ between headings: friction is solved along the axes of the world."""
     settle: float = Field(0.5, ge=0)
     """Time at rest after loading, before the rest state is saved, s."""
     effects: tuple[AddedEffect, ...] = ()

@@ -14,7 +14,7 @@ from simgap.gap.bounds.function import GapFunction
 from simgap.io.atomic import write_bytes, write_text
 from simgap.io.controller_file import load_controller_of
 from simgap.io.gap_file import SavedGap, load_gap
-from simgap.io.pages import need_template, render
+from simgap.io.pages import NO_CONTROLLER, need_template, render
 from simgap.io.results import read_json, read_parquet, write_json
 from simgap.io.traces import GAP_AWARE, NOMINAL, split
 from simgap.lint.costs import costs, duration
@@ -81,13 +81,14 @@ def run(
     write_json(figures_out, summary(material, said) | {"provenance": record})
     drawn = draw(material)
     figures = {**drawn.markup, "explored": explored_runs(material)}
-    page = render(TEMPLATE, figures=figures, notes=drawn.notes, later=later, provenance=record, **said)
+    page = render(TEMPLATE, figures=figures, later=later, provenance=record, **said)
     if folder is not None:
         for name, data in drawn.files.items():
             write_bytes(folder / name, data)
     if picture is not None:
         write_bytes(picture, drawn.picture)
     write_text(out, page)
+    out.with_name(NO_CONTROLLER).unlink(missing_ok=True)
     log.info("page of %d kB", len(page) // 1024)
     if later is None:
         return f"Ready to open: {out}"
@@ -98,7 +99,9 @@ def run(
 def _seconds_left(context: Context) -> float:
     """Seconds that the whole page takes after the first one: the adversary, and what a diagnosis corrects."""
     seconds = {cost.stage: cost.seconds for cost in costs(context)}
-    corrected = ("scp", "lipschitz", "gap", "synthesis", "validation", "audit") if context.case.measured else ()
+    measured = context.case.measured
+    diagnosed = measured is not None and measured.recorded
+    corrected = ("scp", "lipschitz", "gap", "synthesis", "validation", "audit") if diagnosed else ()
     return sum(seconds.get(stage, 0.0) for stage in ("audit", *corrected))
 
 

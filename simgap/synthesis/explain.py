@@ -126,8 +126,8 @@ class GammaParts:
         late = " and ".join(self.remembered)
         at_samples = f"{late}, which the model does not carry" if late else "the gap to the simulator at the samples"
         carry = (
-            f"carry {late} as states (fewer cells, inputs or samples make room) or take a larger tau" if late else
-            "correct the model (simgap diagnose, plant.effects) or its integrator"
+            f"{late} carried as states (fewer cells, inputs or samples make room) or a larger tau" if late else
+            "a corrected model (simgap diagnose, plant.effects) or another integrator"
         )  # fmt: skip
         between = "a smaller half-width of the grid, a basis that follows the gap or gap.sides: signed"
         longer = "longer or less noisy recordings, or an effect that explains it (simgap next)"
@@ -137,7 +137,7 @@ class GammaParts:
             (self.remainder, "what the recordings leave unexplained (gap.remainder)", longer),
         )
         each = ", ".join(f"{size:.2g} is {what}" for size, what, _ in sorted(parts, reverse=True) if size > 0.0)
-        return f"Of the largest gamma of {state}, {each}. The first shrinks with: {max(parts)[2]}."
+        return f"Of the largest gamma of {state}, {each}. The first shrinks with {max(parts)[2]}."
 
 
 def explain(

@@ -1,6 +1,7 @@
 """What a person is told of a run without a controller: the reason of each job that failed, and a page."""
 
-from simgap.cli.workflow import PAGE, failures, write_failed, write_page
+from simgap.cli.workflow import failures, write_failed, write_page
+from simgap.io.pages import NO_CONTROLLER
 from simgap.io.results import write_json
 
 RUN = """Error in rule check:
@@ -57,7 +58,7 @@ def ended(folder, rule, log, told):
         f"Error in rule {rule}:\n    jobid: 1\n    log: results/p/logs/{log} (check log file(s))\n"
     )
     (page,) = write_failed(failures([folder / "run.log"], folder), {"results/p": "Drives are weak."}, folder)
-    assert page.name == PAGE
+    assert page.name == NO_CONTROLLER
     return (folder / page).read_text()
 
 
@@ -76,3 +77,21 @@ def test_a_case_that_asks_for_no_controller_has_the_page_too(tmp_path):
     page = write_page(tmp_path / "results/p", ["The joints <hardly> move."], bounded=True).read_text()
     assert "The joints &lt;hardly&gt; move." in page
     assert "<h1>p: no controller</h1>" in page
+
+
+def test_of_the_two_pages_the_last_run_has_left_one(tmp_path):
+    results = tmp_path / "results/p"
+    results.mkdir(parents=True)
+    for earlier in ("report.html", "summary.json"):
+        (results / earlier).write_text("of an earlier run")
+    write_page(results, ["The joints hardly move."], bounded=True)
+    assert [path.name for path in results.iterdir()] == [NO_CONTROLLER]
+
+
+def test_a_recording_for_rerun_that_fails_takes_no_page_away(tmp_path):
+    results = tmp_path / "results/p"
+    (results / "logs").mkdir(parents=True)
+    (results / "report.html").write_text("of this run")
+    (tmp_path / "run.log").write_text("Error in rule trace:\n    jobid: 1\n    log: results/p/logs/trace.log (check)\n")
+    assert write_failed(failures([tmp_path / "run.log"], tmp_path), {}, tmp_path) == []
+    assert (results / "report.html").is_file()

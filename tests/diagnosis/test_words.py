@@ -240,7 +240,7 @@ def test_an_effect_is_told_with_its_numbers(name):
 def test_sentences():
     assert (
         said(document("attributed", [FRICTION]))
-        == "Coulomb friction of 0.19 ± 0.01 N m at the hinge explains 84 % of the excess error."
+        == "Coulomb friction of 0.19 ± 0.01 N m at the hinge explains 84 % of the excess error 0.2 s ahead."
     )
     both = said(document("attributed", [FRICTION, MASS]))
     assert "a mass of the rod that is 25.0 ± 0.1 % below its declared value together explain 84 %" in both
@@ -262,7 +262,7 @@ def test_the_limit_on_the_number_of_effects_is_no_end_of_the_library():
     assert "with 1 effects, as many as were sought: allow more by measured.max_effects" in said(document)
     assert "nothing in the library" not in said(document)
     nearest = {"effects": [effect], "explained_share": 0.3, "reasons": ["it explains less than half"]}
-    text = said({"verdict": "unexplained", "effects": [], "nearest": nearest, "at_most": 3})
+    text = said({"verdict": "unexplained", "effects": [], "nearest": nearest, "at_most": 3, "error": error})
     assert "Allow more than 3 effects (measured.max_effects), or look" in text
 
 

@@ -119,6 +119,7 @@ def test_figures_in_sentences_are_those_of_the_results(root):
         assert f"{partial} were `partial`" in page(name), name
         assert f"Of {len(outside)} recordings" in page(name), name
     assert sum(r["verdict"] == "attributed" and bool(r["other"]) for r in outside) == 2
+    assert f"{sum(r['verdict'] == 'unexplained' for r in outside)} were `unexplained`" in page("README.md")
     assert "two were wrongly `attributed`" in page("docs/explanation/diagnosis.md")
     assert f"{partial} of {len(outside)} are `partial`" in page("docs/evidence/diagnosis.md")
     quoted = {"pendulum": ("691 of 980", "1,000 of 1,000"), "turtlebot": ("993 of 1,000",),
@@ -127,6 +128,28 @@ def test_figures_in_sentences_are_those_of_the_results(root):
         for figure in figures:
             assert figure in page("README.md"), figure
             assert figure in page(f"docs/evidence/{name}.md"), (name, figure)
+
+
+def test_numbers_of_the_code_in_sentences_are_those_of_the_code(root):
+    from simgap.correction import corrected_case
+    from simgap.effects import EFFECTS
+
+    def page(name):
+        return " ".join((root / name).read_text().split())
+
+    assert 30 <= len(EFFECTS) < 40
+    assert "some thirty physical effects" in page("README.md")
+    assert (corrected_case.LARGEST_ROLLOUTS, corrected_case.LARGEST_PAIRS) == (2_000_000, 100_000_000)
+    assert "two million roll-outs and a hundred million pairs" in page("docs/how-to/corrected_case.md")
+    found = json.loads((root / "benchmarks/results/tampering.json").read_text())
+    counts = found["counts"].items()
+    false = sum(n for what, n in counts if what.endswith("/ false"))
+    accepted = sum(n for what, n in counts if "/ accepted /" in what)
+    assert found["findings"] == []
+    assert (
+        f"of {found['changes']}, {false} are false at some point, and all of those are rejected. {accepted} that"
+        in (page("docs/how-to/certificate.md"))
+    )
 
 
 def test_known_weaknesses_are_those_of_the_study(root):

@@ -29,6 +29,8 @@ frame.onload = () => {
       !f.querySelector("[aria-label], img[alt]:not([alt=''])")).concat(
     [...page.querySelectorAll("img:not([alt]), img[alt='']")]);
   const found = {over, unsaid: unsaid.length, figures: page.querySelectorAll("figure").length,
+    cut: [...page.querySelectorAll(".scroll")].filter(e => e.scrollWidth > e.clientWidth + 1).map(
+      e => getComputedStyle(e, "::before").content.includes("more columns")),
     explored: page.querySelectorAll("#explorer .subplot").length,
     ground: getComputedStyle(page.body).backgroundColor, scroll: page.documentElement.scrollWidth - wide};
   document.body.innerHTML = "<pre>" + JSON.stringify(found) + "</pre>";
@@ -73,6 +75,8 @@ def test_nothing_overflows_and_every_figure_is_described(page, width):
     assert found["scroll"] <= 0
     assert found["figures"] >= 4
     assert found["unsaid"] == 0
+    assert all(found["cut"])
+    assert bool(found["cut"]) == (width == 390), "a phone is told of the columns that it does not show"
     assert found["explored"] == 4, "two states and their gaps, drawn by the script of the page"
     assert console == ""
 

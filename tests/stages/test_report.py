@@ -9,7 +9,8 @@ import pyarrow as pa
 import pytest
 
 from simgap.errors import UserError
-from simgap.io.results import table, write_json, write_parquet
+from simgap.io.pages import NO_CONTROLLER
+from simgap.io.results import read_json, table, write_json, write_parquet
 from simgap.notation import number
 from simgap.stages import index, report
 from simgap.stages.report import ReportFiles
@@ -20,6 +21,7 @@ from tests.stages import loop_example as example
 def pendulum(tmp_path_factory, root):
     folder = tmp_path_factory.mktemp("pendulum")
     case = example.pendulum(root, folder)
+    (folder / NO_CONTROLLER).write_text("of an earlier run")
     report.run(case, ReportFiles(**example.arguments(folder)), folder / "report.html", folder / "summary.json")
     return folder, case
 
@@ -64,6 +66,23 @@ class Page(HTMLParser):
 
 def page(folder):
     return Page((folder / "report.html").read_text())
+
+
+def test_the_page_takes_the_place_of_the_one_without_a_controller(pendulum):
+    assert not (pendulum[0] / NO_CONTROLLER).exists()
+
+
+def test_failures_that_are_counted_when_the_time_is_up_have_no_instant(pendulum, root, tmp_path):
+    """Half of the runs that never arrived failed "within" the length of a run: that says nothing."""
+    case = example.pendulum(root, tmp_path)
+    given = example.arguments(tmp_path)
+    validation = read_json(given["validation"])
+    validation["controllers"]["nominal"]["simulator"]["median_steps_until_violation"] = validation["steps"]
+    write_json(given["validation"], validation)
+    report.run(case, ReportFiles(**given), tmp_path / "report.html", tmp_path / "summary.json")
+    text = page(tmp_path).text
+    assert "in 2 of 2 runs, most of them counted at the end of the run." in text
+    assert "half of the failures" not in text
 
 
 def test_the_verdict_is_the_counts(pendulum):

@@ -11,7 +11,7 @@ from simgap.config.controller import ValidationSection
 from simgap.gap.bounds.function import PROVEN
 from simgap.gap.fitting.dimension_fit import deterministic_tier
 from simgap.geometry import Box, Grid
-from simgap.io.traces import MODEL, Trace
+from simgap.io.traces import Trace
 from simgap.notation import interval, powers
 from simgap.report import content, tables
 from simgap.report.content import little_won, unproven
@@ -95,9 +95,7 @@ def test_the_headline_says_what_its_number_of_runs_excludes():
         section = ValidationSection(starts=starts, first=({},) * first)
         tally = {"runs": runs, "runs_that_violated_it": bad}
         case = SimpleNamespace(validation=section)
-        return SimpleNamespace(
-            context=SimpleNamespace(case=case), validation={"controllers": {"gap": {"simulator": tally}}}
-        )
+        return SimpleNamespace(context=SimpleNamespace(case=case), tally=lambda kind: tally)
 
     plain = content._sample(page(300, 0))
     assert "at most 1 % fail" in plain  # 1 - 0.05^(1/300) = 0.9936 %
@@ -117,6 +115,7 @@ def test_many_effects_of_an_arm_are_told_by_kind():
     kinds = {"coulomb_friction": "F_c", "viscous_friction": "b"}
     effects = [friction(kind, symbol, j) for kind, symbol in kinds.items() for j in joints]
     told = {"verdict": "partial", "recording": [], "payloads": [], "explained_share": 0.8, "explained_error": None}
+    told["error"] = {"after": {"horizon_s": 0.0, "horizon_rmse": {}}}
     rows = [{"joint": j, "input": f"u_{j}", "link": f"link_{j}"} for j in ("j1", "j2", "j3", "j4")]
     few, many, every = (
         arm_sentence(told | {"effects": effects[:n], "joints": rows[:k]}) for n, k in ((2, 4), (6, 4), (6, 3))
@@ -152,13 +151,17 @@ def test_powers_of_ten_in_a_text_are_those_of_tables():
 def test_why_the_gap_aware_controller_may_fail_on_the_nominal_model():
     """A page said safe in 300 of 300, and further down 300 of 300 failures without a word."""
 
-    def said(bad: int) -> str:
-        tallies = {"gap": {MODEL: {"runs_that_violated_it": bad, "runs": 300}}}
+    def said(bad: int, sides: tuple[str, ...] = ("lower", "upper")) -> str:
         case = SimpleNamespace(simulator=SimpleNamespace(inertia="engine"))
         return content.on_model(
-            SimpleNamespace(validation={"controllers": tallies}, context=SimpleNamespace(case=case))
+            SimpleNamespace(
+                tally=lambda kind, plant: {"runs_that_violated_it": bad, "runs": 300},
+                gap={"dimensions": [{"scenario": {side: {} for side in sides}}]},
+                context=SimpleNamespace(case=case),
+            )
         )
 
+    assert said(300, ("size",)) == "On the nominal model itself, 300 of 300 runs of the gap-aware controller fail."
     assert "whose inertia the engine computes" in said(300)
     assert "There, 300 of 300 runs fail" in said(300)
     assert said(0) == ""
@@ -179,7 +182,7 @@ def _apart(aware: str, nominal: str, end: float = 1.7, gap: float = 0.5) -> Simp
     return SimpleNamespace(
         controllers={"gap": controller(aware), "nominal": controller(nominal)},
         traces=[run],
-        validation={"controllers": {"nominal": {"simulator": {"runs_that_violated_it": 1}}}},
+        tally=lambda kind: {"runs_that_violated_it": 1},
         context=SimpleNamespace(states=("q",), units={"q": "rad"}, case=None),
         gap={"dimensions": [{"scenario": programs}]},
     )
@@ -192,7 +195,7 @@ def test_the_step_that_ends_a_nominal_run_is_told_with_its_gap():
     assert content.failure(_apart("xx..", "xxx.", end=1.2)) == ""  # it ends inside: something else ended it
     assert content.failure(_apart("xx..", "xxx.", gap=0.1)) == ""  # the model alone leaves too
     kept = _apart("xx..", "xxx.")
-    kept.validation["controllers"]["nominal"]["simulator"]["runs_that_violated_it"] = 0
+    kept.tally = lambda kind: {"runs_that_violated_it": 0}
     assert content.failure(kept) == ""
 
 

@@ -63,7 +63,7 @@ def test_what_gamma_is_made_of_is_named_by_size_with_what_shrinks_the_largest():
     """Of 1.0 in all: .1 at samples, .2 between them, .7 left by recordings."""
     words = GammaParts(0.1, 0.3, 0.7).words("v")
     assert words.index("0.7 is what the recordings leave") < words.index("0.2 is what may lie") < words.index("0.1 is")
-    assert "shrinks with: longer or less noisy recordings" in words
+    assert "shrinks with longer or less noisy recordings" in words
     late = GammaParts(0.5, 0.6, 0.0, ("input_lag of u",)).words("v")
     assert "input_lag of u, which the model does not carry" in late
     assert "recordings" not in late

@@ -48,7 +48,7 @@ def _answer(document: Document) -> list[str]:
         but = ", the faults of the recording allowed for" if document.get("recording") else ""
         return [f"The model explains these data down to their noise{but}: no effect is missing.", _blind(document)]
     if verdict == "unexplained":
-        return [_unexplained(document)]
+        return _unexplained(document)
     found = joined([describe(e) for e in effects])
     verb = "explains" if len(effects) == 1 else "together explain"
     text = f"{_begun(found)} {verb} {explained(document)}."
@@ -58,12 +58,12 @@ def _answer(document: Document) -> list[str]:
 
 def explained(document: Document) -> str:
     """How much: off the noise floor, of the error ahead on data that it was not fitted to, else of what is above it."""
-    told = document.get("explained_error")
+    told, ahead = document.get("explained_error"), _ahead(document["error"]["after"])
     if told is None:
-        return f"{100 * min(max(float(document['explained_share']), 0.0), 1.0):.0f} % of the excess error"
+        return f"{100 * min(max(float(document['explained_share']), 0.0), 1.0):.0f} % of the excess error{ahead}"
     low, high = (f"{100 * min(max(end, 0.0), 1.0):.0f}" for end in told["ci95"])
     share = f"{100 * told['share']:.0f} % (95 % interval {low} to {high})"
-    return f"{share} of the error{_ahead(document['error']['after'])}"
+    return f"{share} of the error{ahead}"
 
 
 def _ahead(error: Mapping[str, Any]) -> str:
@@ -173,7 +173,8 @@ def _of(document: Document, state: str) -> str:
     return f" {unit} in {state}" if unit else f" in {state}"
 
 
-def _unexplained(document: Document) -> str:
+def _unexplained(document: Document) -> list[str]:
+    """What comes nearest and why it is not named, then where to look."""
     asked = joined([e.name for e in EFFECTS.values() if e.by_name], "or")
     seek = (
         "a force that was not measured, noise that is correlated over time, a column that is not what the case says, "
@@ -181,21 +182,22 @@ def _unexplained(document: Document) -> str:
     )
     near, over = document.get("nearest"), document.get("left_over")
     if near is not None:
-        found = joined([describe(e) for e in near["effects"]])
-        verb, them = ("explains", "it") if len(near["effects"]) == 1 else ("together explain", "them")
-        most = document.get("at_most")
+        effects, most = near["effects"], document.get("at_most")
+        ahead = _ahead(document["error"]["after"])
+        nearest, it_is = ("The nearest is", "It is") if len(effects) == 1 else ("The nearest are", "They are")
         more = f"Allow more than {most} effects (measured.max_effects), or look" if most else "Look"
         text = (
-            f"{_begun(found)} {verb} {100 * near['explained_share']:.0f} % of the error, "
-            f"which is not enough to name {them}: {joined(near['reasons'])}."
+            "No effect of the library explains the difference between model and data. "
+            f"{nearest} {joined([describe(e) for e in effects])}, with {100 * near['explained_share']:.0f} % of the "
+            f"excess error{ahead}. {it_is} not named because {joined(near['reasons'])}."
         )
-        return text if document.get("stopped") else f"{text} {more} for {seek}."
+        return [text] if document.get("stopped") else [text, f"{more} for {seek}."]
     if document.get("stopped"):
-        return "No effect that was tried explains the difference between model and data."
+        return ["No effect that was tried explains the difference between model and data."]
     if over:
-        return f"No effect of the library is confirmed on held-out data; {_also(over)}. Look for {seek}."
+        return [f"No effect of the library is confirmed on held-out data; {_also(over)}.", f"Look for {seek}."]
     best = document["candidates"][0] if document["candidates"] else None
     text = "No effect of the library explains the difference between model and data"
     if best is not None:
         text += f" (the nearest is {phrase(best)}, which is not enough)"
-    return f"{text}: look for {seek}."
+    return [f"{text}.", f"Look for {seek}."]

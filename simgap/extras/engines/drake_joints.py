@@ -21,9 +21,9 @@ class DrakeSettings(EngineSection):
     """Drake's discrete `MultibodyPlant` over the plant's URDF: stops of joints and contact by its convex solver."""
 
     engine: Literal["drake"] = "drake"
-    """Which engine."""
+    """Name of the engine."""
     contact: bool = True
-    """Whether links touch each other and what the file fixes to the world; no neighbours do."""
+    """Whether links touch each other and what the file fixes to the world. Neighbouring links never touch."""
     approximation: Literal["sap", "similar", "lagged", "tamsi"] = "lagged"
     """Drake's approximation of contact (set_discrete_contact_approximation)."""
 

@@ -237,14 +237,14 @@ class FmuSettings(EngineSection):
     """An FMU for co-simulation, as Simulink, Modelica tools and many others export it; it is code with your rights."""
 
     engine: Literal["fmu"] = "fmu"
-    """Which engine."""
+    """Name of the engine."""
     fmu: str
     """The .fmu file, relative to the case file: FMI 2 or 3 with co-simulation."""
     variables: dict[str, str] = Field(default_factory=dict)
-    """For a state or input the variable of the FMU that it is; its own name where none is given."""
+    """For a state or input, its variable in the FMU; a variable of the same name if not given."""
     starts: dict[str, str] = Field(default_factory=dict)
-    """For a state the variable that sets where it begins, such as a parameter q_start; the state's own variable where
-    none is given."""
+    """For a state, the variable that sets its initial value, such as a parameter q_start; the variable of the state
+    itself if not given."""
     parameters: dict[str, float] = Field(default_factory=dict)
     """Values of other variables, by their names."""
 

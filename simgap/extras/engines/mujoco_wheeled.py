@@ -31,7 +31,7 @@ class MuJoCoWheeledSettings(WheeledSettings):
     """MuJoCo over a differential-drive URDF (optional extra `simgap[mujoco]`)."""
 
     engine: Literal["mujoco_wheeled"] = "mujoco_wheeled"  # type: ignore[assignment]
-    """Which engine."""
+    """Name of the engine."""
     gain: float = Field(2.0, gt=0)
     """Gain of the wheels' velocity loops, N m s/rad; their torque is limited to `torque`."""
 

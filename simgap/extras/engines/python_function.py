@@ -29,14 +29,14 @@ class PythonSettings(EngineSection):
     """A function of one's own as the simulator; it is code and runs with your rights."""
 
     engine: Literal["python"] = "python"
-    """Which engine."""
+    """Name of the engine."""
     function: str
     """file.py:name of a function in a file beside the case: name(x, u, tau) with arrays (states,) and (inputs,) in the
     order and units of the case gives the state after tau seconds."""
     batch: bool = False
-    """Whether it takes many at once: arrays (n, states) and (n, inputs), and gives (n, states)."""
+    """Whether the function takes many states at once: arrays (n, states) and (n, inputs), result (n, states)."""
     parameters: dict[str, float] = Field(default_factory=dict)
-    """Numbers that it is given by name."""
+    """Numbers that are passed to the function by name."""
     timeout: float = Field(10.0, gt=0)
     """Longest time of one call, s; a call that takes longer is ended."""
 

@@ -386,6 +386,7 @@ def _curves(content: Content) -> Any:
 
 def _gaps(content: Content) -> Any:
     """Gap against bound for each controller, a tab each, and where in its bound the gap lies."""
+    series = ", ".join(f"{name} {SERIES[j % len(SERIES)][1]}" for j, name in enumerate(content.states))
     tabs = []
     for controller, trace in content.shown.items():
         views = []
@@ -393,6 +394,6 @@ def _gaps(content: Content) -> Any:
             label = axis_label(name, content.units)
             views.append(_plot(content, f"gap of {label} and its bound", [f"/{root(trace)}/gap/{name}/**"]))
         share = ["/bound/**", f"/shown/{controller}/share/**"]
-        views.append(_plot(content, "where each gap lies in its bound, ±1", share))
+        views.append(_plot(content, f"gap within its bound, ±1: {series}", share))
         tabs.append(rrb.Vertical(*views, name=f"Gap, {TITLES[controller]}"))
     return rrb.Tabs(*tabs, active_tab=list(content.shown).index(GAP_AWARE))

@@ -24,7 +24,7 @@ INPUTS = (style.GREEN, style.PURPLE, style.ORANGE, style.SKY)
 MOST_POINTS = 1500
 NO_LESS = 0.5  # of chi^2/dof that is shown
 MOST_OPTIONS = 5  # of a step that are drawn
-TAKEN = (style.AFTER, 5.0, 8.0, "in the answer")
+TAKEN = (style.AFTER, 5.0, 8.0, "taken")
 NOT_TAKEN = ("#8A929B", 2.5, 6.0, "fitted there, not taken")
 """Colour, width of the line, size of the dot and words of an option of a step."""
 
