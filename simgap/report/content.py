@@ -423,7 +423,8 @@ def _arrival(m: Material) -> str:
     if promised is None or not (steps or rounds):
         return ""
     seen = f"its longest run here took {max(steps) * tau:g} s" if steps else ""
-    seen = seen or f"its runs here completed {min(rounds):,} to {max(rounds):,} rounds"
+    if rounds:
+        seen = f"its runs here completed {min(rounds):,} to {max(rounds):,} rounds"
     return (
         f"The gap-aware controller promises {specification_of(m.context.case).words.goal} within {promised * tau:g} s "
         f"from every winning state, whatever the gap does within gamma; {seen}."
