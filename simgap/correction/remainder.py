@@ -126,15 +126,7 @@ def bound_remainder(
         for model in (models[0], remembering or models[1])
     ]
     missing = tuple(n for n in models[0].state_names if n not in names)
-    finite = all(math.isfinite(v) for v in last.by.values())
-    widest = last.by if last.rest is None else last.rest.by
-    below = [n for n in names if finite and forces[1].get(n, math.inf) < widest[n]]
-    confidence = max(attained(last.pieces, level) - (1.0 - level if below else 0.0), 0.0) if finite else 0.0
-    statement = (
-        f"{last.count} held-out transitions are too few for {100 * level:g} %: hold out at least {fewest(level)}."
-    )
-    if finite:
-        statement = _statement(level, confidence, last, step, missing, below)
+    confidence, statement = _promised(level, last, forces[1], step, missing)
     one_step = {
         "before": first.rms, "after": last.rms, "noise_floor": {n: math.sqrt(2.0) * s for n, s in noise.items()}
     }  # fmt: skip
@@ -167,6 +159,19 @@ def _bound(
     rms = dict(zip(names, np.sqrt(np.mean(plain[1] ** 2, axis=0)).tolist(), strict=True))
     count, runs = fresh.count if split is None else split.pieces, len(set(parts[1].trace))
     return _Bound(by, rms, rest, float(np.mean(inside)), len(plain[1]), count, runs, by_run)
+
+
+def _promised(
+    level: float, last: _Bound, forces: Mapping[str, float], step: float, missing: Sequence[str]
+) -> tuple[float, str]:
+    """With what confidence the bounds hold, and the sentence that says so; 0 where too few were held out."""
+    if not all(math.isfinite(v) for v in last.by.values()):
+        few = f"{last.count} held-out transitions are too few for {100 * level:g} %"
+        return 0.0, f"{few}: hold out at least {fewest(level)}."
+    widest = last.by if last.rest is None else last.rest.by
+    below = [n for n in widest if forces.get(n, math.inf) < widest[n]]
+    confidence = max(attained(last.pieces, level) - (1.0 - level if below else 0.0), 0.0)
+    return confidence, _statement(level, confidence, last, step, missing, below)
 
 
 def _least(by: Mapping[str, float], forces: Mapping[str, float]) -> dict[str, float]:

@@ -190,6 +190,11 @@ class Problem:
         """(k,) readings that are compared, of each channel; at least 1."""
         return np.maximum(np.sum(self._used, axis=0), 1.0)
 
+    @cached_property
+    def shifted(self) -> Problem:
+        """The windows once as they are, and once more for each number that begins one."""
+        return self.on(self.windows.pick(np.tile(np.arange(len(self.windows)), self.model.begun + 1)))
+
     def states(self, theta: Floats, x0: Floats) -> Floats:
         """Simulated states of all windows: theta, (w, begun) -> (rows, nx)."""
         return np.ascontiguousarray(self._simulated(theta, x0)[:, : self.model.nx])

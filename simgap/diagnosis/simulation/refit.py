@@ -89,7 +89,8 @@ def _from_starts(problem: Problem, theta: Floats, x0: Floats) -> Refit:
     best, guess = _from_here(problem, theta, x0), initial_states(problem)
     if problem.model.rubs(theta):
         for start in (guess, at_rest(problem, guess)):
-            best = better(best, refit(problem, theta, start, useless=best.chi2))
+            if not np.array_equal(start, x0):
+                best = better(best, refit(problem, theta, start, useless=best.chi2))
         return best
     begin, stop = problem.windows.start, problem.windows.stop
     for share in _GROWING:

@@ -157,10 +157,9 @@ def state_columns(
 ) -> tuple[Floats, Floats]:
     """What is missed (rows, k) from initial states (w, nx), and what each of their numbers does to the predictions,
     (nx, rows, k), by differences of `steps` (nx,): one pass over all windows, shifted and not."""
-    (w, nx), k = x0.shape, problem.y.shape[1]
-    each = problem.on(problem.windows.pick(np.tile(np.arange(w), nx + 1)))
+    nx, k = x0.shape[1], problem.y.shape[1]
     shifts = np.vstack([np.zeros(nx), np.diag(steps)])
-    all_of_them = missed(each, theta, (x0 + shifts[:, None]).reshape(-1, nx)).reshape(nx + 1, -1, k)
+    all_of_them = missed(problem.shifted, theta, (x0 + shifts[:, None]).reshape(-1, nx)).reshape(nx + 1, -1, k)
     return all_of_them[0], (all_of_them[0] - all_of_them[1:]) / steps[:, None, None]
 
 
