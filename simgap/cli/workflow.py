@@ -248,7 +248,9 @@ def sweep(
 TEMPLATE = "no_controller.html.j2"
 EMPTY = "empty.json"
 """Beside the summary of a synthesis that won nothing: why."""
-_BOUNDED = ("synthesis", "validation", "audit", "trace", "report")
+_CONTROLLED = ("validation", "audit", "report")
+"""Rules that begin when the controllers are there."""
+_BOUNDED = ("synthesis", *_CONTROLLED)
 """Rules that begin when the bound is there: what lies in the folder is that of this run."""
 _BESIDE = ("check", "trace", "picture")
 """Rules whose failure has no page: `check` refuses the case in a line, on the others no page depends."""
@@ -321,22 +323,25 @@ def write_failed(failed: Sequence[Failure], words: Mapping[str, str], folder: Pa
     for results, why in own.items():
         bounded = all(f.rule in _BOUNDED for f in why)
         said = [words[str(results)]] if words.get(str(results)) else []
-        write_page(folder / results, [f.told or str(f) for f in why] + said, bounded)
+        controlled = all(f.rule in _CONTROLLED for f in why)
+        write_page(folder / results, [f.told or str(f) for f in why] + said, bounded, controlled)
     return [results / NO_CONTROLLER for results in own]
 
 
-def write_page(results: Path, reasons: Sequence[str], bounded: bool) -> Path:
+def write_page(results: Path, reasons: Sequence[str], bounded: bool, controlled: bool = False) -> Path:
     """The page of a case that has no controller: why, the bound if there is one, and why nothing wins.
 
     It takes the place of the pages of an earlier run, which the next one that ends well makes again.
 
     Args:
-        results: folder of the case's results. reasons: a sentence each. bounded: whether its bound is of this run.
+        results: folder of the case's results. reasons: a sentence each. bounded: whether its bound is of this run;
+            controlled: whether its controllers are, too, so that the run is only not complete.
     """
     gaps = sorted(results.glob("gap/*/gap.json"), key=lambda path: path.stat().st_mtime) if bounded else []
-    empty = [_read(path) for path in sorted(results.glob(f"synthesis/*/{EMPTY}")) if bounded]
+    empty = [_read(path) for path in sorted(results.glob(f"synthesis/*/{EMPTY}")) if bounded and not controlled]
     page, title = results / NO_CONTROLLER, str(results).rpartition("results/")[2]
     bound = _read(gaps[-1]).get("dimensions", []) if gaps else []
+    title += ": run not complete" if controlled else ": no controller"
     write_text(page, render(TEMPLATE, title=title, reasons=reasons, bound=bound, empty=[e for e in empty if e]))
     for earlier in ("report.html", "summary.json"):
         (results / earlier).unlink(missing_ok=True)

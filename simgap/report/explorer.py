@@ -29,24 +29,21 @@ MOST_SAMPLES = 4000
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
-    """A named line of a row: t, values (n,), NaN where it breaks; `fills` down to the line before it."""
-
-    name: str
-    t: Floats
-    values: Floats
-    colour: str
-    dash: str = "solid"
-    fills: bool = False
-
-
-@dataclass(frozen=True, eq=False)
 class Row:
-    """Curves of one quantity, and limits that are drawn across."""
+    """Lines of one quantity, as `line` makes them, and limits that are drawn across."""
 
     title: str
-    curves: Sequence[Curve]
+    lines: Sequence[dict[str, Any]]
     limits: Sequence[float] = ()
+
+
+def line(name: str, t: Floats, values: Floats, colour: str, dash: str = "solid", **more: Any) -> dict[str, Any]:
+    """A named line of a row, as Plotly takes it: t, values (n,), NaN where it breaks."""
+    look = {"width": 1.5, "color": colour, "dash": dash}
+    return {
+        "type": "scatter", "mode": "lines", "name": name, "legendgroup": name, "line": look,
+        "x": _rounded(t), "y": _rounded(values), **more,
+    }  # fmt: skip
 
 
 def explored_runs(m: Material) -> dict[str, Any]:
@@ -59,17 +56,17 @@ def explored_runs(m: Material) -> dict[str, Any]:
 def _rows_of_runs(m: Material, runs: Sequence[Any]) -> Iterator[Row]:
     units, safe = m.context.units, limits(m.context)
     for j, name in enumerate(m.context.states):
-        curves = [Curve(TITLES[r.controller], r.t, r.x[:, j], style.COLOURS[r.controller]) for r in runs]
+        states = [line(TITLES[r.controller], r.t, r.x[:, j], style.COLOURS[r.controller]) for r in runs]
         sides = [float(side) for side in (safe.lo[j], safe.hi[j]) if np.isfinite(side)]
-        yield Row(axis_label(name, units), curves, sides)
+        yield Row(axis_label(name, units), states, sides)
         aware, own = runs[1], np.isfinite(runs[1].d[:, j])
         factor, unit = scaled(float(np.abs(aware.d[own, j]).max(initial=0.0)), units[name])
         low, high, gap = (factor * values[own, j] for values in (aware.lo, aware.hi, aware.d))
         bound = [
-            Curve("lower bound", aware.t[own], low, style.SKY),
-            Curve("upper bound", aware.t[own], high, style.SKY, fills=True),
+            line("lower bound", aware.t[own], low, style.SKY),
+            line("upper bound", aware.t[own], high, style.SKY, fill="tonexty"),
         ]
-        yield Row(f"gap of {name} ({unit})", [*bound, Curve("gap", aware.t[own], gap, style.BLACK)])
+        yield Row(f"gap of {name} ({unit})", [*bound, line("gap", aware.t[own], gap, style.BLACK)])
 
 
 def explored_predictions(
@@ -80,7 +77,7 @@ def explored_predictions(
     t, lines = in_sequence(windows[: max(1, int(np.searchsorted(ends, MOST_SAMPLES)))])
     dashes = {word: "dash" if "ls" in look else "solid" for word, look in LOOKS.items()}
     rows = [
-        Row(axis_label(n, units), [Curve(w, t, lines[w][:, k], LOOKS[w]["color"], dash) for w, dash in dashes.items()])
+        Row(axis_label(n, units), [line(w, t, lines[w][:, k], LOOKS[w]["color"], dash) for w, dash in dashes.items()])
         for k, n in enumerate(names)
     ]
     return _figure(rows, float(t[-1]), float(t[0]))
@@ -88,24 +85,16 @@ def explored_predictions(
 
 def _figure(rows: Sequence[Row], until: float, since: float = 0.0) -> dict[str, Any]:
     """Plotly's data and layout; a name stands in the legend once, and a click on it there hides it in all rows."""
-    named = dict.fromkeys(curve.name for row in rows for curve in row.curves)
+    named = dict.fromkeys(own["name"] for row in rows for own in row.lines)
     data = []
     for k, row in enumerate(rows):
-        for curve in row.curves:
-            data.append(_line(k, row.title, curve) | {"showlegend": curve.name in named})
-            named.pop(curve.name, None)
+        for own in row.lines:
+            name = own["name"]
+            said = {"showlegend": name in named, "hovertemplate": f"{row.title}, {name}: %{{y:.4g}}<extra></extra>"}
+            data.append({**own, **said, "xaxis": "x", "yaxis": _axis(k)})
+            named.pop(name, None)
     shapes = [_limit(k, side) for k, row in enumerate(rows) for side in row.limits]
     return {"data": data, "layout": _layout([row.title for row in rows], shapes, [since, until])}
-
-
-def _line(row: int, quantity: str, curve: Curve) -> dict[str, Any]:
-    line = {"width": 1.5, "color": curve.colour, "dash": curve.dash}
-    return {
-        "type": "scatter", "mode": "lines", "line": line, "x": _rounded(curve.t), "y": _rounded(curve.values),
-        "xaxis": "x", "yaxis": _axis(row), "name": curve.name, "legendgroup": curve.name,
-        "hovertemplate": f"{quantity}, {curve.name}: %{{y:.4g}}<extra></extra>",
-        **({"fill": "tonexty"} if curve.fills else {}),
-    }  # fmt: skip
 
 
 def _rounded(values: Floats) -> list[float | None]:
@@ -114,8 +103,8 @@ def _rounded(values: Floats) -> list[float | None]:
 
 
 def _limit(row: int, side: float) -> dict[str, Any]:
-    line = {"color": style.GREEN, "width": 1.5}
-    return {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "yref": _axis(row), "y0": side, "y1": side, "line": line}
+    look = {"color": style.GREEN, "width": 1.5}
+    return {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "yref": _axis(row), "y0": side, "y1": side, "line": look}
 
 
 def _axis(k: int) -> str:

@@ -102,7 +102,7 @@ def run(
     sweep = load_sweep(path)
     title = sweep.title or f"Sweep {path.stem} over {', '.join(keys)}"
     drawn = figure(keys, shown, rows)
-    about = {"title": title, "case": Path(sweep.case).stem, "table": table_out.name, "figure": drawn}
+    about = {"title": title, "case": Path(sweep.case).stem, "file": table_out.name, "figure": drawn}
     pairs = list(zip(rows, links, strict=True))
     write_text(out, render("sweep.html.j2", **about, keys=keys, shown=shown, rows=pairs))
 

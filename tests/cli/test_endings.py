@@ -71,6 +71,10 @@ def test_whatever_job_fails_a_page_says_why(tmp_path):
     assert "the program is not solved. Take fewer terms." in early
     assert "0.0456" not in early  # of an earlier run
     assert "Drives are weak." in early
+    assert "<h1>p: no controller</h1>" in early
+    late = ended(tmp_path, "audit", "audit.log", "the engine ended.")
+    assert "<h1>p: run not complete</h1>" in late  # the controllers are there
+    assert "moves angle by more" not in late
 
 
 def test_a_case_that_asks_for_no_controller_has_the_page_too(tmp_path):

@@ -104,6 +104,8 @@ def test_table_and_page(write, tmp_path):
     assert table["winning_fraction.gap"] == [0.25, 1.25]
     page = out.read_text()
     assert page.count("<svg") == 1
+    assert 'Every figure of every point is in <a href="table.parquet"><code>table.parquet</code></a>.' in page
+    assert "<td>25 %</td>" in page
     assert page.count(f'href="../../{files[0].parent.name}/report.html"') == 1
     assert files[1].parent.name in page
     with pytest.raises(UserError, match="has 2 points, 1 results are given"):

@@ -64,20 +64,16 @@ def _states(axis: Any, box: Box, pair: tuple[int, int], states: Sequence[str], u
     axis.set(**{f"{side}label": axis_label(states[j], units) for side, j in zip("xy", pair, strict=True)})
 
 
-def _room(axis: Any) -> None:
-    """Limits a little beyond everything that was drawn."""
-    drawn = np.concatenate([p.get_path().get_extents(p.get_patch_transform()) for p in axis.patches])  # X among them
-    (left, low), (right, high) = drawn.min(axis=0), drawn.max(axis=0)
-    axis.set(xlim=_wider(left, right), ylim=_wider(low, high))
-
-
-def _wider(lo: float, hi: float) -> tuple[float, float]:
-    return lo - 0.05 * (hi - lo), hi + 0.05 * (hi - lo)
-
-
 def _interval(axis: Any, lo: float, hi: float, label: str) -> None:
     _x_box(axis, (-BAR, lo), (2 * BAR, hi - lo))
-    axis.set(xlim=(-1, 1), ylim=_wider(lo, hi), xticks=[], ylabel=label)
+    _room(axis)
+    axis.set(xlim=(-1, 1), xticks=[], ylabel=label)
+
+
+def _room(axis: Any) -> None:
+    """Limits a little beyond everything that was drawn."""
+    axis.margins(0.05)
+    axis.autoscale()
 
 
 def _inputs(axis: Any, values: Floats, drives: Sequence[str], units: Mapping[str, str]) -> None:
