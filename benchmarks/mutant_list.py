@@ -270,6 +270,10 @@ MUTANTS: list[Mutant] = [
             "self.free(game.space, game.grid, game.stray + game.error)",
             "self.free(game.space, game.grid, game.error)",
         ),
+    ),
+    *_of(
+        "specifications/arena.py",
+        SETS,
         (
             "walls need no clearance",
             "lo, hi = grid.box.lo + walls, grid.box.hi - walls",
@@ -526,13 +530,17 @@ MUTANTS: list[Mutant] = [
         ),
     ),
     *_of(
-        "specifications/reaching.py",
+        "specifications/space.py",
         PLACES,
         (
             "a copy of the target begins at 0",
-            "np.mod(x[:, j] - lo, period) <= hi - lo",
-            "np.mod(x[:, j], period) <= hi - lo",
+            "np.mod(x[:, j] - lo, space.box.hi[j] - space.box.lo[j]) <= hi - lo",
+            "np.mod(x[:, j], space.box.hi[j] - space.box.lo[j]) <= hi - lo",
         ),
+    ),
+    *_of(
+        "specifications/arena.py",
+        PLACES,
         ("what just touches touches nothing", "np.flatnonzero(clearance <= 0.0)", "np.flatnonzero(clearance < 0.0)"),
         ("upper walls are not there", "np.minimum(at - self.walls[0], self.walls[1] - at)", "(at - self.walls[0])"),
         (

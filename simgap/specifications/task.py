@@ -73,7 +73,9 @@ class Task(Arena):
     formula: str
     """Over names of regions, with ! & | -> X F G U W R and deadlines such as F[<= 40 s] a: co-safety, safety, G of
     co-safety (G F a), and F G of regions beside G of regions."""
-    regions: dict[str, Annotated[tuple[Region, ...], BeforeValidator(_listed)]] = Field(min_length=1)
+    regions: dict[
+        str, Annotated[tuple[Region, ...], BeforeValidator(_listed, json_schema_input_type=Region | tuple[Region, ...])]
+    ] = Field(min_length=1)
     """By name a box (intervals of states; those not named are free), an inequality such as 'x^2 + y^2 <= 4', or a list
     of these: their union."""
 
