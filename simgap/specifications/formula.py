@@ -206,6 +206,18 @@ class Automaton:
     done: int = -1
     persists: bool = False
 
+    @property
+    def possible(self) -> bool:
+        """True if some word over the letters is accepted."""
+        kept, there = np.ones(len(self.step), np.bool_), self.step >= 0
+        while True:
+            found = np.any(self.good & there & kept[self.step], axis=1) | (np.arange(len(kept)) == self.done)
+            while (more := found | np.any(there & found[self.step], axis=1)).sum() > found.sum():
+                found = more
+            if np.array_equal(found, kept):
+                return bool(kept[0])
+            kept = found
+
     def read(self, letters: Ints) -> tuple[Ints, Bools]:
         """States after each letter of a word (k,), -1 from where it is broken, and which moves were good: (k,)."""
         states, good, state = np.empty(len(letters), np.int64), np.zeros(len(letters), np.bool_), 0

@@ -58,6 +58,8 @@ Region = Annotated[
     Annotated[dict[str, Interval], Tag("box")] | Annotated[str, Tag("inequality")],
     Discriminator(lambda given: "inequality" if isinstance(given, str) else "box"),
 ]
+READ = {"GF": "G F: again and again", "FG": "F G: for ever from some sample on", "U": "U: until"}
+"""How what is not plain in a formula is read."""
 DONE, BROKEN, KEPT, LATE = "done", "broke the task", "kept the task", "no progress in time"
 
 
@@ -145,7 +147,13 @@ class Task(Arena):
         present, letters = np.unique(codes, return_inverse=True)
         words = (frozenset(itertools.compress(sure, (code >> k & 1 for k in range(len(sure))))) for code in present)
         free = self.free(space, grid, game.stray + game.error)
-        return solve(game, self._automaton(space, tuple(words)), letters.reshape(-1), free)
+        automaton = self._automaton(space, tuple(words))
+        if not automaton.possible:
+            raise UserError(
+                "no way through the regions keeps the formula, whatever the plant does", key=f"{KEY}.formula",
+                remedy="See which regions overlap: no cell is inside two that do not, nor inside of one and outside.",
+            )  # fmt: skip
+        return solve(game, automaton, letters.reshape(-1), free)
 
     def _cells(self, game: Game, name: str, part: Region) -> tuple[Bools, Bools]:
         """Cells that lie in a region for sure, and cells that may meet it, whatever the measurement error."""
@@ -166,9 +174,11 @@ class Task(Arena):
         return Watching(places, self._automaton(space, exact_letters(names)), self.surroundings(space), solution)
 
     def sentence(self, space: Space) -> str:
-        """'keep "G F a" with ...'."""
+        """'keep "G F a" (G F: again and again; a: x in [0, 1] m)'."""
         named = "; ".join(f"{name}: {self._told(space, name)}" for name in sorted(regions(self._read(space))))
-        return f"keep '{self.formula}' ({named}){self.avoiding()}{self.clear_of(space)}"
+        squeezed = self.formula.replace(" ", "").replace("(", "")
+        read = "; ".join(text for sign, text in READ.items() if sign in squeezed)
+        return f"keep '{self.formula}' ({read}{'; ' if read else ''}{named}){self.avoiding()}{self.clear_of(space)}"
 
     def _told(self, space: Space, name: str) -> str:
         return " or ".join(

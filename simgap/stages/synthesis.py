@@ -113,7 +113,14 @@ def _solved(
         for line in found.block():
             log.warning("%s", line)
         model = "with gap" if problem.gap is not None else "nominal"
-        figures = {"model": model, "cells": list(problem.cells), "inputs": len(problem.inputs), "winning_cells": 0}
+        asked = problem.specification.sentence(problem.space)
+        figures = {
+            "model": model,
+            "asked": asked,
+            "cells": list(problem.cells),
+            "inputs": len(problem.inputs),
+            "winning_cells": 0,
+        }
         for file in (summary, summary.with_name(EMPTY_FIGURES)):  # a failed job of the workflow loses its outputs
             write_json(file, {**figures, "empty": found.to_json(), "provenance": record})
         raise EmptyDomain(f"{error.problem}: {found.sentence}", file=error.file, key=error.key) from None

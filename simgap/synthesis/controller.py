@@ -152,6 +152,17 @@ class Controller:
             )
         return self.input_set[m].copy()
 
+    def step(self, x: ArrayLike, memory: int | None = None) -> tuple[Floats, int]:
+        """The input of `input` at x (nx,), and the memory for the next sample; without `memory` at the first one.
+
+        Raises:
+            BrokenPromise, UserError: as `input`.
+        """
+        known = self.first if memory is None else memory
+        chosen = self.input(x, known)
+        _, after = self.solution.step(known, int(self.lookup(x, known)[0]), int(self.cell(x)[0]))
+        return chosen, int(after)
+
     def inputs(self, x: ArrayLike, pending: int | None = None) -> Floats:
         """All admissible inputs at a measured state (nx,) -> (k, nu), k = 0 outside the winning domain."""
         row = int(self._of_one(x, self.rows(x, pending)))

@@ -200,6 +200,15 @@ def test_what_cannot_be_read_is_refused_in_one_line():
         asked("F a", {"a": {"z": (0.0, 1.0)}}).region(space)
 
 
+def test_a_formula_that_no_way_through_the_regions_keeps_is_refused():
+    tiny = Tiny([1, False], False)
+    tiny.obstacles = []
+    boxes = {"a": {"a": (0.0, 1.0)}, "b": {"a": (1.0, 2.0)}}
+    for formula in ("G a & G b", "F (a & b)", "G F a & F[<= 3] b & G !b", "F G a & G !a"):
+        with pytest.raises(UserError, match="no way through the regions"):
+            solved(tiny, formula, boxes, False)
+
+
 def test_cells_of_inequalities_are_sure_on_both_sides():
     rng = np.random.default_rng(11)
     space = Space(("a", "b"), Box([-2.0, -2.0], [2.0, 2.0]), ())
