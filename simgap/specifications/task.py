@@ -65,10 +65,9 @@ DONE, BROKEN, KEPT, LATE = "done", "broke the task", "kept the task", "no progre
 
 
 def _listed(region: Any) -> Any:
+    if region == []:
+        raise ValueError("it is an empty list. Give a box or an inequality")
     return [region] if isinstance(region, str | dict) else region
-
-
-Union = Annotated[tuple[Region, ...], Field(min_length=1), BeforeValidator(_listed)]
 
 
 class Task(Arena):
@@ -79,7 +78,7 @@ class Task(Arena):
     formula: str
     """Over names of regions, with ! & | -> X F G U W R and deadlines such as F[<= 40 s] a: co-safety, safety, G of
     co-safety (G F a), and F G of regions beside G of regions."""
-    regions: dict[str, Union] = Field(min_length=1)
+    regions: dict[str, Annotated[tuple[Region, ...], BeforeValidator(_listed)]] = Field(min_length=1)
     """By name a box (intervals of states; those not named are free), an inequality such as 'x^2 + y^2 <= 4', or a list
     of these: their union."""
 

@@ -199,7 +199,7 @@ def test_what_cannot_be_read_is_refused_in_one_line():
         asked("F a", {"a": "a + b"}).region(space)
     with pytest.raises(UserError, match="everywhere or nowhere"):
         asked("F a", {"a": "a <= a + 1"}).region(space)
-    with pytest.raises(ValueError, match="at least 1 item"):
+    with pytest.raises(ValueError, match="empty list"):
         asked("F a", {"a": []})
     with pytest.raises(UserError, match="no state 'z'"):
         asked("F a", {"a": {"z": (0.0, 1.0)}}).region(space)
