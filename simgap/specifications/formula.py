@@ -233,9 +233,11 @@ def automaton_of(formula: Formula, letters: tuple[Letter, ...]) -> Automaton:
     """The automaton that accepts the words, over some letters, of which a formula holds.
 
     Raises:
-        UserError: a formula outside the fragment, or one that needs too many states.
+        UserError: a formula outside the fragment, one that asks for nothing, or one that needs too many states.
     """
     watch = _Watch(_conjuncts(formula))
+    if watch.start == watch.done and not watch.persistent:
+        raise UserError("the formula holds whatever happens", remedy="Ask for something of a region.")
     plain = all(part[:2] == ("R", ("false",)) and part[3] is None and _is_state(part[2]) for part in watch.safe)
     if watch.persistent and (watch.ends or watch.again or not plain):
         raise UserError("F G stands beside what must be remembered: outside the fragment", remedy=FRAGMENT)

@@ -8,6 +8,7 @@ what holds of the letters holds of the run. Obstacles and walls are kept between
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
@@ -60,10 +61,14 @@ Region = Annotated[
 ]
 READ = {"GF": "G F: again and again", "FG": "F G: for ever from some sample on", "U": "U: until"}
 """How what is not plain in a formula is read."""
+ROUNDED_ZERO = 1e-300
+"""A sum of squares that may be 0 is enclosed from a little below it: by less than this."""
 DONE, BROKEN, KEPT, LATE = "done", "broke the task", "kept the task", "no progress in time"
 
 
 def _listed(region: Any) -> Any:
+    if region == []:
+        raise ValueError("it is an empty list. Give a box or an inequality")
     return [region] if isinstance(region, str | dict) else region
 
 
@@ -109,7 +114,10 @@ class Task(Arena):
         def samples(bound: str) -> int:
             number, _, unit = bound.strip().partition(" ")
             try:
-                return int(float(number) * (conversion(unit, "s").factor if unit else 1.0) / space.tau + 1e-9)
+                count = math.floor(float(number) * (conversion(unit, "s").factor if unit else 1.0) / space.tau + 1e-9)
+                if count < 0:
+                    raise ValueError
+                return count
             except (ValueError, OverflowError, UserError):
                 raise UserError(f"'{bound.strip()}' is no deadline", remedy="Write it like F[<= 40 s] a.") from None
 
@@ -216,20 +224,31 @@ def inequality(text: str, space: Space, name: str) -> sp.Expr:
             left, found, right = text.partition(sign)
             if found:
                 small, large = (left, right) if sign == "<=" else (right, left)
-                return parse_expression(small, space.states) - parse_expression(large, space.states)
+                difference = parse_expression(small, space.states) - parse_expression(large, space.states)
+                if difference.is_number:
+                    raise UserError(f"'{text}' holds everywhere or nowhere", remedy="Let it depend on a state.")
+                return difference
         raise UserError(f"'{text}' is no inequality", remedy="Write it like 'x^2 + y^2 <= 4', with <= or >=.")
 
 
 def enclosed(expression: sp.Expr, space: Space, grid: Grid, error: Floats) -> tuple[Floats, Floats]:
-    """Least and largest values of an expression over the cells, grown by the error: (cells,) each, rounded outward."""
+    """Least and largest values of an expression over the cells, grown by the error: (cells,) each, rounded outward.
+
+    Where a root or logarithm of a negative number is possible, nothing is known of the value: -inf and inf. Where it is
+    sure, no inequality holds: inf and inf.
+    """
     symbols = {s.name: s for s in expression.free_symbols}
     axes = [j for j, name in enumerate(space.states) if name in symbols]
-    kernel = compile_interval_kernel([expression], [[symbols[space.states[j]] for j in axes]])
+    roots = [power.base for power in expression.atoms(sp.Pow) if not power.exp.is_integer]
+    defined = [*roots, *(log.args[0] for log in expression.atoms(sp.log))]
+    kernel = compile_interval_kernel([expression, *defined], [[symbols[space.states[j]] for j in axes]])
     centres = np.stack(np.meshgrid(*(grid.axis(j) for j in axes), indexing="ij"), axis=-1).reshape(-1, len(axes))
     reach = (grid.h + error)[axes] * (1.0 + 1e-9)  # as much wider as rounding may have moved a face
-    pairs = np.array([kernel(c - reach, c + reach)[0] for c in centres])
+    pairs = np.array([kernel(c - reach, c + reach) for c in centres])
+    pairs[(pairs[:, 1:, 0] < -ROUNDED_ZERO).any(axis=1), 0] = -np.inf, np.inf
+    pairs[(pairs[:, 1:, 1] < 0.0).any(axis=1), 0] = np.inf
     shape = [grid.cells[j] if j in axes else 1 for j in range(space.size)]
-    lo, hi = (np.broadcast_to(side.reshape(shape), grid.cells).reshape(-1) for side in pairs.T)
+    lo, hi = (np.broadcast_to(side.reshape(shape), grid.cells).reshape(-1) for side in pairs[:, 0].T)
     return lo, hi
 
 
@@ -255,7 +274,14 @@ class Place:
             box = partial_box(part, space.states)
             return lambda x: in_copies(space, box, x)
         value = sp.lambdify([sp.Symbol(s) for s in space.states], inequality(part, space, self.name), modules="numpy")
-        return lambda x: np.broadcast_to(value(*space.wrapped(x).T), len(x)) <= 0.0
+
+        def holds(x: Floats) -> Bools:
+            within = np.all((x >= space.box.lo) & (x <= space.box.hi), axis=1, keepdims=True)
+            at = np.where(within, x, space.wrapped(x))  # the upper end of a periodic axis is of its last cell
+            with np.errstate(invalid="ignore", divide="ignore"):  # where it has no value it does not hold
+                return np.asarray(np.broadcast_to(value(*at.T), len(x)) <= 0.0)
+
+        return holds
 
 
 @dataclass(frozen=True, eq=False)

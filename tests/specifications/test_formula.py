@@ -133,6 +133,7 @@ def test_a_literal_that_is_not_sure_holds_neither_way():
         ("G", "ends too early"),
         ("(a", "ends too early"),
         ("a & & b", "column 5"),
+        ("a -> true", "holds whatever happens"),
     ],
 )
 def test_what_is_outside_the_fragment_or_no_formula_is_refused_in_one_line(formula, problem):

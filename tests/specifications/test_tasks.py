@@ -190,12 +190,17 @@ def test_what_cannot_be_read_is_refused_in_one_line():
         ("G F work", "no region 'work'"),
         ("F[<= soon] home", "no deadline"),
         ("F[<= 3 m] home", "does not convert|no deadline|unit"),
+        ("F[<= -0.1 s] home", "no deadline"),
         ("F (home & G round)", "fragment"),
     ):
         with pytest.raises(UserError, match=problem):
             asked(formula, boxes).region(space)
     with pytest.raises(UserError, match="no inequality"):
         asked("F a", {"a": "a + b"}).region(space)
+    with pytest.raises(UserError, match="everywhere or nowhere"):
+        asked("F a", {"a": "a <= a + 1"}).region(space)
+    with pytest.raises(ValueError, match="empty list"):
+        asked("F a", {"a": []})
     with pytest.raises(UserError, match="no state 'z'"):
         asked("F a", {"a": {"z": (0.0, 1.0)}}).region(space)
 
@@ -225,6 +230,9 @@ def test_cells_of_inequalities_are_sure_on_both_sides():
             ("a^2 + b^2 <= 1", lambda x: x[:, 0] ** 2 + x[:, 1] ** 2 <= 1),
             ("a + b >= 0.5", lambda x: x.sum(axis=1) >= 0.5),
             ("abs(a) <= 1", lambda x: abs(x[:, 0]) <= 1),
+            ("sqrt(a^2 + b^2) <= 1", lambda x: x[:, 0] ** 2 + x[:, 1] ** 2 <= 1),
+            ("sqrt(a) <= 1", lambda x: (x[:, 0] >= 0) & (x[:, 0] <= 1)),  # what has no root is outside
+            ("log(a) <= -1", lambda x: (x[:, 0] >= 0) & (x[:, 0] <= np.exp(-1.0))),
         ):
             task = Task(kind="task", formula="F r", regions={"r": text_of})
             within, meeting = task._cells(game, "r", text_of)
