@@ -277,9 +277,10 @@ def strays(certificate: Solution, run: Run) -> int:
     """Steps of a run after which it is not where the certificate says.
 
     Towards a target: the level at what is measured and pending falls with every step, and stays 0 once it is; of a
-    task, it falls until it is 0, again and again. To stay: the state is in a winning cell, or in one from which the
-    pending input may act. A controller of measured cells that remembers the pending input has no such set of states: it
-    is held by having an input at every sample, without which a run is stuck.
+    task, it falls until it is 0, again and again, or stays at its goal and never rises. To stay: the state is in a
+    winning cell, or in one from which the pending input may act. A controller of measured cells that remembers the
+    pending input has no such set of states: it is held by having an input at every sample, without which a run is
+    stuck.
     """
     grid, value = certificate.grid, certificate.value
     if value is None:
@@ -293,7 +294,11 @@ def strays(certificate: Solution, run: Run) -> int:
         return int((~inside | (cells < 0))[1:].sum())
     levels = certificate.levels(run.measured, run.memory)
     before, after = levels[:-1], levels[1:]
-    arrived = (before == 0) & ((after == 0) | (certificate.progress is not None))
+    arrived = (before == 0) & (after == 0)
+    if certificate.progress is not None:
+        rows = grid.index(run.measured[:-1]) * certificate.memory + (0 if run.memory is None else run.memory[:-1])
+        assert certificate.target is not None
+        arrived = certificate.target[rows] & (after <= before if certificate.progress.persists else before == 0)
     kept = (after >= 0) & ((after < before) | arrived)
     return int((~kept).sum())
 

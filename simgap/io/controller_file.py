@@ -65,7 +65,7 @@ def controller_from(about: Mapping[str, Any], arrays: Arrays) -> Controller:
     require(type(late) is bool, "it does not say whether its inputs act late")
     kind = _kind(about["kind"], len(input_set))
     base = (len(input_set) if late else 1) * (1 if kind is None else int(kind.max()) + 1)
-    progress = _progress(arrays, grid.size, base)
+    progress = _progress(arrays, grid.size, base, about.get("persists", False))
     wanted = base * (1 if progress is None else progress.after.shape[1])
     require(type(memory) is int and memory == wanted, f"memory {memory!r:.40} cannot be")
     require(type(first) is int and 0 <= first < memory, f"it cannot begin with memory {first!r:.40}")
@@ -117,14 +117,15 @@ def _kind(given: Any, inputs: int) -> Ints | None:
     return np.array(given, dtype=np.int64)
 
 
-def _progress(arrays: Arrays, cells: int, base: int) -> Progress | None:
+def _progress(arrays: Arrays, cells: int, base: int, persists: Any) -> Progress | None:
     """What a task has come to after a sample in each cell."""
     after = arrays.get("progress")
     if after is None:
         return None
     good = after.dtype == np.int16 and after.ndim == 2 and len(after) == cells and after.shape[1] > 0
     require(good and ((after >= 0) & (after < after.shape[1])).all(), "its task does not go on in every cell")
-    return Progress(after, base)
+    require(type(persists) is bool, "it does not say whether its task is to stay")
+    return Progress(after, base, persists)
 
 
 def _names(about: Mapping[str, Any], key: str) -> tuple[str, ...]:
@@ -198,6 +199,7 @@ def save_controller(controller: Controller, path: Path | str) -> None:
         "kind": None if s.kind is None else s.kind.tolist(),
         "statistics": s.statistics,
         "provenance": controller.metadata,
+        **({} if s.progress is None else {"persists": s.progress.persists}),
     }
     arrays: dict[str, NDArray[Any]] = {
         "about": np.frombuffer(json.dumps(about, sort_keys=True).encode(), np.uint8),
@@ -360,10 +362,13 @@ def _about(c: Controller) -> list[str]:
         promise += "border of the domain."
     lines = wrap(re.sub(r"[^ -~]", "?", promise).replace("*/", "* /").replace('"""', "'''"), 100)
     if c.progress is not None:
-        lines += ["What its task has come to is part of its state: remember it, beginning with FIRST."]
+        lines += ["What its task has come to is part of its state: remember it, beginning with FIRST. At every sample"]
+        lines += [
+            "choose with the memory, then give observe(x, memory) and the choice to the function for the next one."
+        ]
     if c.late:
         lines += ["An input acts one sample after it is chosen: remember it, beginning with FIRST, and give it back."]
-    elif c.memory > 1:
+    elif c.kind is not None:
         lines += ["The class of the previous input is part of its state: remember it, beginning with FIRST."]
     return lines
 

@@ -239,6 +239,8 @@ class Words(Section):
     """The same in the past tense, in a sentence: 'the controller never ...', '... in 289 of 980 runs'."""
     goal: str = "the target"
     """'... promises ... within 3 s from every winning state', 'worst-case steps to ...'."""
+    between: str = "The specification is promised"
+    """'... for the path between samples too'."""
     limits: str = "region"
     """Set to which the ends belong that are drawn beside each state: 'the safe set'."""
 

@@ -42,6 +42,8 @@ def solve(game: Game, automaton: Automaton, letters: Ints, free: Bools) -> Solut
 class Won:
     """Nodes that are won in each state of the automaton: their inputs, and by how many steps the next good move comes.
 
+    With `persists`, good cells keep the rank at which they were won: a run stays at it, or goes down.
+
     Attributes:
         following: (Q, cells) state after the letter of a cell, -1 where the task is broken or the cell is not free.
         good: (Q, cells) whether that move is good.
@@ -134,7 +136,7 @@ class Won:
         while grows:
             self.rounds += 1
             held = game.invariant((free[:, None] & (home[:, None] | won)).reshape(-1))
-            grows = self.add(0, held, held.served.reshape(len(free), -1) & home[:, None], 0)
+            grows = self.add(0, held, held.served.reshape(len(free), -1) & home[:, None], self.highest)
             found = game.reach((self.rank[0] >= 0).reshape(-1), self.free, free)
             nodes = self._nodes(found)
             grows |= self.add(0, found, nodes > 0, self.highest)
@@ -155,7 +157,8 @@ class Won:
                     value[here, p] = 0
                 elif q in self.rank and here.any():
                     rank = self.rank[q][here]
-                    value[here, p] = np.where(self.good[p, here, None] & (rank >= 0), 0, rank)
+                    done_now = self.good[p, here, None] & (rank >= 0) & (not self.automaton.persists)
+                    value[here, p] = np.where(done_now, 0, rank)
                     mask[here, p] = self.mask[q][here]
         nodes = value.reshape(-1)
         return Solution(
@@ -164,11 +167,16 @@ class Won:
             mask=mask.reshape(len(nodes), -1),
             free=self.free,
             value=nodes,
-            target=nodes == 0,
+            target=self._goal(nodes, base),
             memory=states * base,
             statistics={**last.statistics, "steps": int(nodes.max(initial=0)), "states": states, "rounds": self.rounds},
             first=last.first,
             late=last.late,
             kind=last.kind,
-            progress=Progress(np.maximum(self.following, 0).T.astype(np.int16), base),
+            progress=Progress(np.maximum(self.following, 0).T.astype(np.int16), base, self.automaton.persists),
         )
+
+    def _goal(self, value: Any, base: int) -> Any:
+        """Nodes at a good move: those of value 0; where the task is to stay in good cells, all that are won there."""
+        home = np.repeat(self.good[0], base)
+        return (value >= 0) & home if self.automaton.persists else value == 0

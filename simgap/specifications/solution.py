@@ -20,10 +20,13 @@ class Progress:
     Attributes:
         after: (cells, Q) int16, the state after a sample in a cell, from the one before it. base: memories of the
             plant's own game beside it; a memory is state * base + its own.
+        persists: whether the task is to stay at its goal in the end: the value then never rises. Otherwise it rises
+            from 0, to begin the next round.
     """
 
     after: NDArray[np.int16]
     base: int
+    persists: bool = False
 
     def __call__(self, memory: Any, cells: Any) -> Any:
         """States after samples in `cells`, numbers or (n,), from the memories before them."""

@@ -43,6 +43,7 @@ from simgap.specifications.product import solve
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import (
     KEY,
+    SHRINK,
     Space,
     cells_meeting,
     cells_within,
@@ -63,6 +64,8 @@ READ = {"GF": "G F: again and again", "FG": "F G: for ever from some sample on",
 """How what is not plain in a formula is read."""
 ROUNDED_ZERO = 1e-300
 """A sum of squares that may be 0 is enclosed from a little below it: by less than this."""
+LAST = 4
+"""A run that is to stay somewhere in the end is there for its last quarter at least: judgement."""
 DONE, BROKEN, KEPT, LATE = "done", "broke the task", "kept the task", "no progress in time"
 
 
@@ -96,6 +99,7 @@ class Task(Arena):
         violated="breaks the task or touches something",
         failed="broke the task",
         goal="progress of the task",
+        between="Obstacles and walls are kept",
         limits="arena",
     )
 
@@ -173,7 +177,8 @@ class Task(Arena):
         lo, hi = box.lo + error, box.hi - error
         none = np.zeros(game.grid.size, np.bool_)
         within = cells_within(game.grid, Box(lo, hi)) if np.all(lo < hi) else none
-        return within, cells_meeting(game.grid, grown(box, error))
+        touching = 2.0 * SHRINK * 2.0 * game.grid.h  # a face that lies on the region's is met: both hold it
+        return within, cells_meeting(game.grid, grown(box, error + touching))
 
     def monitor(self, space: Space, solution: Solution) -> Monitor:
         """Monitor of the formula on the true states, and of touching nothing."""
@@ -344,9 +349,12 @@ class Watching(Monitor):
             return LATE, False
         assert self.solution.value is not None
         # Letters that are sure come later than the true ones, so that this automaton may be ahead by whole rounds.
-        rounds = 1 if self.automaton.persists else 2 * len(self.automaton.step)
+        if self.automaton.persists:
+            stays = good[-max(1, len(good) // LAST) :].all()
+            return (KEPT, True) if stays else (LATE, False)
         waiting = len(good) - 1 - int(np.flatnonzero(good).max(initial=0))
-        return (KEPT, True) if waiting <= rounds * int(self.solution.value.max()) else (LATE, False)
+        bound = 2 * len(self.automaton.step) * int(self.solution.value.max())
+        return (KEPT, True) if good.any() and waiting <= bound else (LATE, False)
 
     def _figures(self, good: Bools, near: Floats, end: str) -> dict[str, float]:
         return {"rounds": float(good.sum()), "clearance": float(near.min()), "done": float(end == DONE)}

@@ -14,6 +14,7 @@ from simgap.closed_loop import Sensing, batch_loop, closed_loop, strays
 from simgap.errors import UserError
 from simgap.geometry import Box
 from simgap.io.controller_file import load_controller, save_controller
+from simgap.specifications.base import Run
 from simgap.specifications.formula import automaton_of, parse, regions
 from simgap.specifications.space import Space
 from simgap.specifications.task import Task
@@ -24,6 +25,25 @@ from tests.specifications.tiny_games import INPUTS, Tiny, inside, random_box
 PROBLEMS = 120
 
 
+def sure(tiny, cell, boxes, names):
+    """Literals that hold of every state of a cell, its faces included."""
+    found = set()
+    for name in names:
+        turns = (-tiny.cells[1], 0, tiny.cells[1]) if tiny.periodic else (0,)
+        touches = any(
+            all(
+                boxes[name][axis][0] <= k + by + 1 and k + by <= boxes[name][axis][1]
+                for axis, k, by in (("a", cell[0], 0), ("b", cell[1], turn))
+            )
+            for turn in turns
+        )
+        if inside(cell, boxes[name]):
+            found.add((name, True))
+        elif not touches:
+            found.add((name, False))
+    return frozenset(found)
+
+
 class Explicit:
     """The product of a tiny plant with a task: nodes, moves, and whether they are good."""
 
@@ -31,7 +51,7 @@ class Explicit:
         names = sorted(regions(formula))
         cells = list(itertools.product(*(range(n) for n in tiny.cells)))
         self.free = {k for k in cells if not any(inside(k, box) for box in tiny.obstacles)}
-        letters = {k: frozenset((n, inside(k, boxes[n])) for n in names) for k in cells}
+        letters = {k: sure(tiny, k, boxes, names) for k in cells}
         order = [(name, side) for name in names for side in (True, False)]  # states are numbered as letters come
         every = tuple(sorted({*letters.values()}, key=lambda own: sum(1 << order.index(one) for one in own)))
         self.automaton = automaton_of(formula, every)
@@ -134,13 +154,17 @@ def by_oracle(tiny, explicit, found, late):
                 assert not bits[(*k, before, p)].any()
                 continue
             level = value[(*k, before, p)]
-            assert (level == 0) == explicit.good(before, k)
+            goes_on = explicit.automaton.persists
+            assert goes_on or (level == 0) == explicit.good(before, k)
             assert bits[(*k, before, p)].any()
             for m in np.flatnonzero(bits[(*k, before, p)]):
                 for (t, pending, _), good in explicit.moves[k, p, q][m]:
                     then = value[(*t, q, pending)]
                     assert then >= 0
-                    assert good or level == 0 or then < level, "a circle without a good move"
+                    if goes_on:  # it never rises, and stays as it is at the goal alone
+                        assert then < level or (then == level and explicit.good(before, k))
+                    else:
+                        assert good or level == 0 or then < level, "a circle without a good move"
     return len(won)
 
 
@@ -156,6 +180,11 @@ def test_winning_sets_of_tasks_are_those_of_the_definition(make, rows, late):
         boxes = {name: random_box(rng, tiny.cells, 3) for name in ("a", "b", "c")}
         formula = parse(text(tree), int)
         explicit = Explicit(tiny, formula, boxes, late)
+        if not explicit.automaton.possible:
+            assert not explicit.winning(), text(tree)
+            with pytest.raises(UserError, match="no way through the regions"):
+                solved(tiny, text(tree), boxes, late)
+            continue
         found = solved(tiny, text(tree), boxes, late)
         count = by_oracle(tiny, explicit, found, late)
         some += count > 0
@@ -298,6 +327,41 @@ def test_runs_keep_the_task_and_its_certificate_and_those_that_jump_are_found(tm
                 wandered += not verdict.outcome.kept or strays(law.solution, verdict.run) > 0
     assert kept > 200
     assert wandered > 100
+
+
+def test_a_controller_that_does_not_get_on_is_found():
+    """Home is left for good, or nothing is ever visited: the run is judged so, and its certificate is broken."""
+    tiny = Tiny([3, False], False)
+    tiny.cells, tiny.periodic, tiny.obstacles = (5, 1), (), []
+    tiny.offsets = np.zeros((2, 5, INPUTS, 2), int)
+    tiny.offsets[0] = np.array([-1, 0, 1, 1])[None, :, None]
+    space, boxes = Space(("a", "b"), Box([0, 0], [5, 1]), ()), {"a": {"a": (0.0, 1.0)}, "b": {"a": (4.0, 5.0)}}
+    for formula, going in (("F G a", [0, 2, 0, 1]), ("G F a & G F b", [1, 1, 1, 1]), ("F G a", [1, 1, 1, 1])):
+        task, found = asked(formula, boxes), solved(tiny, formula, boxes, False)
+        monitor, steps = task.monitor(space, found), 40
+        x, memory = [np.array([0.5 if formula == "G F a & G F b" else 1.5, 0.5])], [found.first]
+        for k in range(steps):
+            m = going[k % 4]
+            cell = int(found.grid.index(x[-1][None])[0])
+            memory.append(int(found.step(memory[-1], m, cell)[1]))
+            x.append(np.array([min(max(x[-1][0] + (-1, 0, 1, 1)[m], 0.5), 4.5), 0.5]))
+        applied = np.array([going[k % 4] for k in range(steps)])
+        run = Run(np.array(x), applied, False, np.array(x), np.ones(steps + 1), np.array(memory))
+        assert not monitor.judge(run, steps).outcome.kept
+        assert strays(found, run) > 0
+
+
+def test_a_state_on_a_face_of_two_cells_is_in_a_region_that_ends_there():
+    tiny = Tiny([3, False], False)
+    tiny.cells, tiny.periodic, tiny.obstacles = (5, 1), (), []
+    tiny.offsets = np.zeros((2, 5, INPUTS, 2), int)
+    boxes = {"a": {"a": (1.0, 2.0)}}
+    found = solved(tiny, "G !a", boxes, False)
+    assert found.winning.tolist() == [False, False, False, True, True]
+    on_face = np.array([[2.0, 0.5]])
+    space = Space(("a", "b"), Box([0, 0], [5, 1]), ())
+    assert asked("G !a", boxes).monitor(space, found).letters(on_face).tolist() == [1]
+    assert not found.winning[found.grid.index(on_face)]
 
 
 def test_a_batch_of_runs_is_the_runs_one_by_one():

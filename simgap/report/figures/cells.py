@@ -66,6 +66,7 @@ def domains_figure(
         violated: what the cross at the end of a run says.
     """
     figure, ((left, right),) = style.panels(1, 2, 4.0, sharex=True, sharey=True)
+    free = max(1, *(int(own.solution.free.sum()) for own in controllers.values()))  # one whole for both shares
     for axis, kind in ((left, NOMINAL), (right, GAP_AWARE)):
         controller = controllers[kind]
         _region(axis, controller, _PALE[kind])
@@ -76,7 +77,8 @@ def domains_figure(
         for trace in traces:
             if trace.controller == kind and trace.plant == SIMULATOR:
                 _run(axis, trace, COLOURS[kind], violated)
-        axis.set_title(f"{TITLES[kind]}: {100.0 * controller.solution.fraction:.1f} % of the cells")
+        share = controller.solution.winning.sum() / free
+        axis.set_title(f"{TITLES[kind]}: {100.0 * share:.1f} % of the cells")
         axis.set_xlabel(axis_label(controller.states[0], units))
     left.set_ylabel(axis_label(controllers[GAP_AWARE].states[1], units))
     style.legend(figure)
