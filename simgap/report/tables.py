@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -149,42 +149,38 @@ def diagnosis(m: Material) -> dict[str, Any] | None:
 
 def corrected(m: Material) -> Rows:
     """Changes by the corrected model: a row a figure, before and after."""
-    if m.corrected is None:
-        return []
-    after = m.corrected.summary
-    bounds, own = after["sup_gamma"][-1]["states"], suprema(m, m.gap)
-    rows: Rows = []
+    rows = _changes(m, m.corrected.summary) if m.corrected is not None else ()
+    return [dict(zip(("what", "before", "after", "unit"), row, strict=True)) for row in rows]
+
+
+def _changes(m: Material, later: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any, str]]:
+    """What it is, before, after (of the summary of the corrected case), and the unit."""
+    own, bounds, units = suprema(m, m.gap), later["sup_gamma"][-1]["states"], m.context.units
     for key, name in BOUND_FIGURES:
-        for state, unit in ((s, m.context.units[s]) for s in own):
-            row = {"what": f"{name}, {state}", "before": own[state][key], "after": bounds[state][key], "unit": unit}
-            rows.append(row)
-    rows += _measured(m)
+        for state in own:
+            yield f"{name}, {state}", own[state][key], bounds[state][key], units[state]
+    yield from _measured(m)
     for kind, name in TITLES.items():
-        before, later = m.syntheses[kind]["winning_fraction"], after["winning_fraction"][kind]
-        rows.append({"what": f"winning fraction, {name}", "before": 100 * before, "after": 100 * later, "unit": "%"})
+        before, after = m.syntheses[kind]["winning_fraction"], later["winning_fraction"][kind]
+        yield f"winning fraction, {name}", 100 * before, 100 * after, "%"
     for kind, name in TITLES.items():
-        tallies = (m.validation["controllers"], after["closed_loop"])
-        first, second = (t[kind][SIMULATOR]["runs_that_violated_it"] for t in tallies)
-        rows.append({"what": f"runs that violate, {name}", "before": first, "after": second, "unit": ""})
-    return rows
+        before, after = m.tally(kind), later["closed_loop"][kind][SIMULATOR]
+        yield f"runs that violate, {name}", before["runs_that_violated_it"], after["runs_that_violated_it"], ""
 
 
-def _measured(m: Material) -> Rows:
-    """One-step error and share inside f +- gamma on held-out transitions, before and after."""
-    rows: Rows = []
-    step = ((m.diagnosis or {}).get("remainder") or {}).get("one_step")
-    if step:
-        for state, before in step["before"].items():
-            floor = step["noise_floor"][state]
-            hidden = "already no more than the noise of" if before <= floor else "noise floor"
-            what = f"one-step error on held-out data, {state} ({hidden} {floor:.3g})"
-            rows.append({"what": what, "before": before, "after": step["after"][state], "unit": m.context.units[state]})
+def _measured(m: Material) -> Iterator[tuple[str, Any, Any, str]]:
+    """The same of one-step errors, and of the share inside f +- gamma, on held-out transitions."""
+    step = ((m.diagnosis or {}).get("remainder") or {}).get("one_step") or {"before": {}}
+    for state, before in step["before"].items():
+        floor = step["noise_floor"][state]
+        hidden = "already no more than the noise of" if before <= floor else "noise floor"
+        what = f"one-step error on held-out data, {state} ({hidden} {floor:.3g})"
+        yield what, before, step["after"][state], m.context.units[state]
     first, second = _inside(m)
     if first and second and max(first["noise_alone"], second["noise_alone"]) >= SEES_GAMMA:
         count = f"{first['transitions']:,.0f} held-out transitions in X"
-        names = {"share": f"share of {count} inside f ± gamma", "noise_alone": "the same if noise were all there is"}
-        rows += [{"what": n, "before": first[k], "after": second[k], "unit": ""} for k, n in names.items()]
-    return rows
+        yield f"share of {count} inside f ± gamma", first["share"], second["share"], ""
+        yield "the same if noise were all there is", first["noise_alone"], second["noise_alone"], ""
 
 
 def _inside(m: Material) -> tuple[Any, Any]:

@@ -38,9 +38,9 @@ def test_transitions_whose_noise_leaves_gamma_are_not_counted():
         return SimpleNamespace(corrected=SimpleNamespace(inside=inside), diagnosis=None)
 
     assert "202 held-out transitions" in tables.too_noisy(page(0.0, 0.1))
-    assert tables._measured(page(0.0, 0.1)) == []
+    assert list(tables._measured(page(0.0, 0.1))) == []
     assert tables.too_noisy(page(0.0, 0.9)) == ""
-    assert [row["before"] for row in tables._measured(page(0.0, 0.9))] == [0.3, 0.0]
+    assert [before for _, before, _, _ in tables._measured(page(0.0, 0.9))] == [0.3, 0.0]
 
 
 def test_the_index_counts_every_step_of_the_adversary():
