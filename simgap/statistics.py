@@ -59,7 +59,7 @@ def _rank(n: int, level: float) -> int:
 
 
 def fewest_draws(missed: float, doubt: float, extremes: int) -> int:
-    """The fewest draws whose hull, of so many extremes, misses more than `missed` with a probability of at most `doubt`.
+    """The fewest draws whose hull, of so many extremes, misses more than `missed` with at most the probability `doubt`.
 
     What the hull of K independent draws misses has at most the distribution Beta(extremes, K - extremes + 1): of one
     number, with 2 extremes, that is the rule of Wilks (1941), Determination of Sample Sizes for Setting Tolerance

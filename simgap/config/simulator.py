@@ -20,7 +20,7 @@ class RandomNumber(Section):
     normal: Positive | None = None
     """Normally distributed, with this standard deviation, in the unit of what it is added to."""
     uniform: Positive | None = None
-    """Uniformly distributed between minus this number and this number."""
+    """Uniformly distributed, from minus this number to this number."""
 
     @model_validator(mode="after")
     def _one_of_both(self) -> RandomNumber:
@@ -30,9 +30,9 @@ class RandomNumber(Section):
 
     def draw(self, rng: np.random.Generator, count: int) -> Floats:
         """(count,) independent draws."""
-        if self.normal is not None:
-            return rng.normal(0.0, self.normal, count)
-        return rng.uniform(-1.0, 1.0, count) * self.uniform
+        if self.uniform is not None:
+            return rng.uniform(-self.uniform, self.uniform, count)
+        return rng.normal(0.0, self.normal or 0.0, count)
 
 
 class EngineSection(Section):

@@ -80,7 +80,7 @@ def draws_at(case: Case, samples: int, alpha: float | None = None) -> int:
 
 
 def alpha_of_run(steps: int, wanted: float = WANTED) -> float:
-    """The alpha with which a run of so many steps keeps its promise with the wanted probability, two digits, downward."""
+    """The alpha by which a run of so many steps keeps its promise with a wanted probability: two digits, downward."""
     exact = -math.expm1(math.log(wanted) / steps)
     digit = 10.0 ** (math.floor(math.log10(exact)) - 1)
     return float(f"{math.floor(exact / digit) * digit:.2g}")

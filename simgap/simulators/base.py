@@ -62,7 +62,7 @@ class Simulator(ABC):
     nu: int
     engine: str
     remembers: bool = False
-    """True if delay or lag of the inputs, or noise, give a state more than one successor; `spread` is then its range."""
+    """True if delay or lag of inputs, or noise, give a state more than one successor; `spread` is then its range."""
     draws: int = 0
     """How often `spread` draws the noise, the same noise at every state and input; 0: each its own, once."""
     rng: np.random.Generator

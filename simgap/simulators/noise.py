@@ -94,7 +94,7 @@ class Noisy(Simulator):
         return out
 
     def spread(self, x: Floats, u: Floats) -> tuple[Floats, Floats]:
-        """Least and largest of `draws` successors of each state under the same noise; of one of its own if that is 0."""
+        """Least and largest of `draws` successors of each state, the noise the same for all; its own successor if 0."""
         if self.draws == 0:
             return super().spread(x, u)
         lo, hi = np.full(x.shape, np.inf), np.full(x.shape, -np.inf)

@@ -318,7 +318,7 @@ def counts(
 ) -> dict[str, Any]:
     """Counts of what was tried and found, as plain data; steps outside gamma that `noise` leaves out are no violations.
 
-    Every step has noise of its own, so that whatever the adversary chose, the share outside is that of independent steps.
+    Every step has noise of its own: the share outside is one of independent steps, whatever the adversary chose.
     """
     worst, broken = found.worst, found.violations
     outside, steps = loops[SIMULATOR].outside_gamma, loops[SIMULATOR].steps
