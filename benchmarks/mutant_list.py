@@ -335,7 +335,7 @@ MUTANTS: list[Mutant] = [
         ("paths between recorded poses are not added", " + robot.between_poses)", ")"),
     ),
     *_of(
-        "gap/memory/fit.py",
+        "gap/memory/hidden_state.py",
         BOUNDS,
         (
             "sequences below the hull do not count",
@@ -389,7 +389,7 @@ MUTANTS: list[Mutant] = [
     *_of(
         "gap/lipschitz/grid.py",
         BOUNDS,
-        ("the change of slope is left out", "(first + turns(step, j, slab.grid, axes)) / (2.0", "first / (2.0"),
+        ("the change of slope is left out", "(first + turns(step, j, grid, axes)) / (2.0", "first / (2.0"),
         ("slopes look ahead alone", "return np.maximum(np.abs(forward), np.abs(backward))", "return np.abs(forward)"),
         (
             "the first end of a range decides its slopes",

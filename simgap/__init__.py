@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from simgap.api import check, diagnose, load_gap, load_summary, new_case, run
     from simgap.config.load import load_case
     from simgap.errors import BrokenPromise, UserError
+    from simgap.extras.model_export import export_model
     from simgap.io.controller_file import export_controller, load_controller
-    from simgap.io.model_export import export_model
     from simgap.plants.plant_model import load_plant
 
 __all__ = [
@@ -39,7 +39,7 @@ _ROOMS = {
     "BrokenPromise": "errors",
     "UserError": "errors",
     "export_controller": "io.controller_file",
-    "export_model": "io.model_export",
+    "export_model": "extras.model_export",
     "load_case": "config.load",
     "load_controller": "io.controller_file",
     "load_plant": "plants.plant_model",

@@ -254,8 +254,8 @@ def export(
     ],
 ) -> None:
     """Write a controller as a C header or a Python file, or the model of a case with its effects as a URDF or MJCF."""
+    from simgap.extras.model_export import export_model
     from simgap.io.controller_file import export_controller, load_controller
-    from simgap.io.model_export import export_model
 
     if what.suffix in (".yaml", ".yml"):
         export_model(what, out)

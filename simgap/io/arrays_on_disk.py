@@ -108,6 +108,7 @@ class Stored:
     def __post_init__(self) -> None:
         self.folder.mkdir(parents=True, exist_ok=True)
         file = tempfile.TemporaryFile(dir=self.folder, buffering=0)  # noqa: SIM115 - as long as these numbers
+        file.truncate(self.count[0] * self.count[1] * _BYTES)
         object.__setattr__(self, "_file", file)
         weakref.finalize(self, file.close)
 

@@ -122,11 +122,11 @@ class NominalModel:
 
     def enclosure(self, lo: ArrayLike, hi: ArrayLike, u: ArrayLike) -> tuple[Floats, Floats]:
         """f over boxes: (n, nx), (n, nx), (n, nu) -> two (n, nx), rounded outward."""
-        return _over_boxes(self.interval_kernel)(*self._boxes(lo, hi, u), self.nx)
+        return over_boxes(self.interval_kernel)(*self._boxes(lo, hi, u), self.nx)
 
     def jacobian_enclosure(self, lo: ArrayLike, hi: ArrayLike, u: ArrayLike) -> tuple[Floats, Floats]:
         """df_i/dx_j over boxes: (n, nx), (n, nx), (n, nu) -> two (n, nx, nx), rounded outward."""
-        low, high = _over_boxes(self.jacobian_interval_kernel)(*self._boxes(lo, hi, u), self.nx**2)
+        low, high = over_boxes(self.jacobian_interval_kernel)(*self._boxes(lo, hi, u), self.nx**2)
         shape = (-1, self.nx, self.nx)
         return low.reshape(shape), high.reshape(shape)
 
@@ -357,9 +357,11 @@ def _over_points(kernel: Kernel) -> Kernel:
 
 
 @cache
-def _over_boxes(kernel: Kernel) -> Kernel:
+def over_boxes(kernel: Kernel) -> Kernel:
+    """numba: (lo (n, nx), hi (n, nx), u (n, nu), size) -> two (n, size), the ends that an interval kernel gives."""
+
     @cached_kernel
-    def over_boxes(lo: Floats, hi: Floats, u: Floats, size: int) -> tuple[Floats, Floats]:
+    def each_box(lo: Floats, hi: Floats, u: Floats, size: int) -> tuple[Floats, Floats]:
         low, high = np.empty((lo.shape[0], size)), np.empty((lo.shape[0], size))
         for k in range(lo.shape[0]):
             values = kernel(lo[k], hi[k], u[k], u[k])
@@ -367,4 +369,4 @@ def _over_boxes(kernel: Kernel) -> Kernel:
                 low[k, i], high[k, i] = values[i][0], values[i][1]
         return low, high
 
-    return over_boxes
+    return each_box

@@ -5,7 +5,7 @@ Each runs in the engine's own process; those of a wheeled robot are seen from th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -128,7 +128,12 @@ def follow(jobs: Sequence[tuple[Case, Sequence[Floats], Sequence[Floats]]], fold
 
 
 @contextmanager
-def _robot(case: Case, folder: Path) -> Iterator[PathSimulator]:
+def open_robot(case: Case, folder: Path) -> Iterator[PathSimulator]:
+    """The simulator of a case with hidden state.
+
+    Raises:
+        UserError: one that does not record its path.
+    """
     with make_simulator(case, folder) as simulator:
         if not isinstance(simulator, PathSimulator):
             problem = "the engine records no poses between samples, which a hidden state needs"
@@ -139,7 +144,7 @@ def _robot(case: Case, folder: Path) -> Iterator[PathSimulator]:
 def after_previous(case: Case, folder: Path, previous: Floats, inputs: Floats) -> tuple[BodySamples, str]:
     """All inputs (M, nu) after each previous input (P, nu) from rest: (P M) rows, the input running fastest."""
     every = np.arange(len(inputs))
-    with _robot(case, folder) as robot:
+    with open_robot(case, folder) as robot:
         before = [int(np.flatnonzero((inputs == u).all(axis=1))[0]) for u in previous]
         every_path = (robot.responses(u[None], inputs) for u in previous)
         parts = [BodySamples.of_paths(every, p, robot.pose, m) for p, m in zip(every_path, before, strict=True)]
@@ -151,7 +156,7 @@ def along_sequences(
 ) -> tuple[BodySamples, str]:
     """Every step of random input sequences (n, length), each from rest at a random heading: n length rows."""
     rng = np.random.default_rng(seed)
-    with _robot(case, folder) as robot:
+    with open_robot(case, folder) as robot:
         parts = []
         for numbers in sequences:
             start = np.array([0.0, 0.0, rng.uniform(-np.pi, np.pi)])
@@ -160,36 +165,11 @@ def along_sequences(
         return joined(parts), robot.engine
 
 
-def repeated_histories(
-    case: Case, folder: Path, sequences: Ints, inputs: Floats, headings: Floats
-) -> tuple[BodySamples, str]:
-    """Sequences (n, L + 1), the last number of which is the present input, with shorter histories and other headings.
-
-    Each gives L + H rows: the present input after the last 1, ..., L inputs before it at heading 0, then after all L at
-    the headings (n, H).
-    """
-    length, parts = sequences.shape[1] - 1, []
-    with _robot(case, folder) as robot:
-        for numbers, turned in zip(sequences, headings, strict=True):
-            history, present = inputs[numbers[:-1]], inputs[numbers[-1:]]
-            paths = [robot.responses(history[length - back :], present) for back in range(1, length + 1)]
-            paths += [robot.responses(history, present, float(heading)) for heading in turned]
-            m = np.full(len(paths), numbers[-1])
-            parts.append(BodySamples.of_paths(m, np.concatenate(paths), robot.pose, int(numbers[-2])))
-        return joined(parts), robot.engine
-
-
-@contextmanager
-def last_steps_of(case: Case, folder: Path, inputs: Floats) -> Iterator[Callable[[Ints, Floats], BodySamples]]:
-    """A function of sequences of input numbers (n, L) and headings (n,): the last step of each, run from rest."""
-    with _robot(case, folder) as robot:
-
-        def last_steps(sequences: Ints, headings: Floats) -> BodySamples:
-            parts = []
-            for numbers, heading in zip(sequences, headings, strict=True):
-                path = robot.responses(inputs[numbers[:-1]], inputs[numbers[-1:]], float(heading))
-                before = int(numbers[-2]) if len(numbers) > 1 else REST
-                parts.append(BodySamples.of_paths(numbers[-1:], path, robot.pose, before))
-            return joined(parts)
-
-        yield last_steps
+def last_steps(robot: PathSimulator, sequences: Sequence[Ints], headings: Floats, inputs: Floats) -> BodySamples:
+    """The last step of each sequence of input numbers (L,), run from rest at its heading, (n,)."""
+    parts = []
+    for numbers, heading in zip(sequences, headings, strict=True):
+        path = robot.responses(inputs[numbers[:-1]], inputs[numbers[-1:]], float(heading))
+        before = int(numbers[-2]) if len(numbers) > 1 else REST
+        parts.append(BodySamples.of_paths(numbers[-1:], path, robot.pose, before))
+    return joined(parts)

@@ -30,12 +30,12 @@ from simgap.diagnosis.verdict.missing import Missing, missing_terms
 from simgap.effects import apply_effects, effect
 from simgap.errors import UserError
 from simgap.io.atomic import write_bytes, write_text
-from simgap.io.model_export import with_inertial
 from simgap.io.pages import need_template
 from simgap.io.recordings.measured import load_reading
 from simgap.io.recordings.tables import rig_record
 from simgap.io.rerun.diagnosis import write_recording
 from simgap.io.results import table, write_json, write_parquet
+from simgap.io.urdf_file import with_inertial
 from simgap.lint.measured import check_measured, refuse_links, refuse_unknown
 from simgap.model.tree import Tree
 from simgap.notation import number, pretty_unit

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from simgap.gap.lipschitz.grid import DimensionLipschitz
-from simgap.gap.memory.fit import HistoryInfluence
-from simgap.gap.memory.hidden_state import fading
+from simgap.gap.memory.hidden_state import HistoryInfluence, fading
 from simgap.gap.sampling.points import HISTORY, Columns, Points, remembers
 from simgap.gap.sampling.samples import check_histories, dimension_samples
 from simgap.gap.sampling.symmetry import SymmetryDeviation

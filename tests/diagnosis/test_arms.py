@@ -13,7 +13,7 @@ import pytest
 
 from simgap.diagnosis.arms.inertia import base_parameters, consistent
 from simgap.errors import UserError
-from simgap.io.model_export import with_inertial
+from simgap.io.urdf_file import with_inertial
 from simgap.model.tree import forces, regressor, symmetric
 from simgap.plants.plant_model import load_plant
 from simgap.plants.urdf import load_tree, multibody_plant

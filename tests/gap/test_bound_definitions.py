@@ -16,8 +16,7 @@ from simgap.gap.fitting.acceptance import check_fresh, clopper_pearson_upper, co
 from simgap.gap.fitting.cell_fit import NodeFit
 from simgap.gap.lipschitz.grid import GridLipschitz, bends, estimate, steps, to_cells, worse
 from simgap.gap.memory.bound import Robot, assemble_hulls
-from simgap.gap.memory.fit import HistoryInfluence, HullFit, Widened, fit_hull
-from simgap.gap.memory.hidden_state import fading, hull
+from simgap.gap.memory.hidden_state import HistoryInfluence, HullFit, Widened, fading, fit_hull, hull
 from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
 from simgap.gap.sampling.symmetry import SymmetryDeviation
 from simgap.gap.sampling.values import values

@@ -12,8 +12,17 @@ from simgap.gap.bounds.previous import PreviousClasses
 from simgap.gap.fitting.acceptance import FreshCheck, check_sequences, confirmed
 from simgap.gap.fitting.dimension_fit import deterministic_tier
 from simgap.gap.memory.bound import Robot, assemble_hulls
-from simgap.gap.memory.fit import HistoryInfluence, HullFit, fit_hull
-from simgap.gap.memory.hidden_state import check_fading, fading, hull, previous_inputs, random_sequences, tolerance_of
+from simgap.gap.memory.hidden_state import (
+    HistoryInfluence,
+    HullFit,
+    check_fading,
+    fading,
+    fit_hull,
+    hull,
+    previous_inputs,
+    random_sequences,
+    tolerance_of,
+)
 from simgap.gap.memory.search import BoundTable, search
 from simgap.geometry import Box
 from simgap.simulators.body_samples import REST, BodySamples

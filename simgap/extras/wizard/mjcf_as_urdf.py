@@ -18,7 +18,7 @@ from simgap.arrays import Floats
 from simgap.effects import joint_effect
 from simgap.errors import UserError, excerpt
 from simgap.extras.wizard.joints import named_joints
-from simgap.io.model_export import write_inertial
+from simgap.io.urdf_file import write_inertial
 from simgap.late import scipy
 from simgap.model.tree import moved
 from simgap.plants.urdf_checks import loading

@@ -18,7 +18,7 @@ from simgap.errors import UserError, excerpt
 from simgap.extras.wizard.joints import centre_of, check_positions, named_joints
 from simgap.extras.wizard.mjcf_as_urdf import compiled, origin_of, written
 from simgap.io.atomic import write_text
-from simgap.io.model_export import write_inertial
+from simgap.io.urdf_file import write_inertial
 from simgap.late import scipy
 from simgap.model.tree import Tree
 from simgap.plants.model_file import FileJoint, ModelFile, base_of, numbers, placed_at, read_model_file

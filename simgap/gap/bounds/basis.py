@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from simgap.arrays import Floats
+from simgap.arrays import Floats, Ints
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bounds.enclosures import enclose
 from simgap.geometry import Box
@@ -193,12 +193,15 @@ class Form:
         """g(x, u): (n, nx), (n, nu) -> (n,), off by at most `rounding`."""
         return self.basis.evaluate(x, u) @ self.coefficients + self.offset
 
+    def slopes(self, x: Floats, u: Floats) -> Floats:
+        """d g / d x: (n, nx), (n, nu) -> (n, nx)."""
+        return np.einsum("nlj,l->nj", self.basis.evaluate_gradient(x, u), self.coefficients)
+
     def box_range(self, xlo: Floats, xhi: Floats, u: Floats) -> tuple[Floats, Floats]:
         """Lower and upper bound of g over each box: (n, nx), (n, nx), (n, nu) -> (n,), (n,)."""
         centre = 0.5 * (xlo + xhi)
         r = 0.5 * (xhi - xlo) * (1.0 + 2.0**-50)
-        middle = self.values(centre, u)
-        slopes = np.einsum("nlj,l->nj", self.basis.evaluate_gradient(centre, u), self.coefficients)
+        middle, slopes = self.values(centre, u), self.slopes(centre, u)
         spread = (np.abs(slopes) * r).sum(axis=1) + 0.5 * np.einsum("nj,jk,nk->n", r, self.hessian_bound, r)
         return middle - spread - self.rounding, middle + spread + self.rounding
 
@@ -238,7 +241,7 @@ def supremum(form: Form, inputs: Floats, tolerance: float = 1e-7) -> tuple[float
     Raises:
         BrokenPromise: when the bracket does not close within the budget of boxes.
     """
-    m, nx = len(inputs), form.domain.size
+    m = len(inputs)
     lo, hi = np.tile(form.domain.lo, (m, 1)), np.tile(form.domain.hi, (m, 1))
     which, done = np.arange(m), 0
     best, scale, top = -np.inf, 0.0, np.inf
@@ -254,22 +257,17 @@ def supremum(form: Form, inputs: Floats, tolerance: float = 1e-7) -> tuple[float
         done += len(lo)
         if done > _BOXES:
             break
-        lo, hi, which = _halved(form, lo, hi, which, inputs, nx)
+        lo, hi, which = _halved(form, lo, hi, which, inputs)
     raise BrokenPromise(
         f"the supremum of a gap bound is only known to lie in [{best:.6g}, {top:.6g}]",
         "Use a basis with fewer or smoother terms.",
     )
 
 
-def _halved(
-    form: Form, lo: Floats, hi: Floats, which: np.ndarray[tuple[int], np.dtype[np.int64]], inputs: Floats, nx: int
-) -> tuple[Floats, Floats, np.ndarray[tuple[int], np.dtype[np.int64]]]:
-    r = 0.5 * (hi - lo)
-    slopes = np.einsum("nlj,l->nj", form.basis.evaluate_gradient(0.5 * (lo + hi), inputs[which]), form.coefficients)
-    spread = np.abs(slopes) * r + 0.5 * r * (r @ form.hessian_bound)
-    axis = spread.argmax(axis=1)
-    rows, middle = np.arange(len(lo)), 0.5 * (lo + hi)
+def _halved(form: Form, lo: Floats, hi: Floats, which: Ints, inputs: Floats) -> tuple[Floats, Floats, Ints]:
+    r, middle = 0.5 * (hi - lo), 0.5 * (lo + hi)
+    spread = np.abs(form.slopes(middle, inputs[which])) * r + 0.5 * r * (r @ form.hessian_bound)
+    rows, axis = np.arange(len(lo)), spread.argmax(axis=1)
     left, right = hi.copy(), lo.copy()
-    left[rows, axis] = middle[rows, axis]
-    right[rows, axis] = middle[rows, axis]
+    left[rows, axis] = right[rows, axis] = middle[rows, axis]
     return np.concatenate([lo, right]), np.concatenate([left, hi]), np.concatenate([which, which])

@@ -26,8 +26,7 @@ from simgap.gap.bounds.enclosures import enclose
 from simgap.geometry import Grid
 from simgap.late import sympy as sp
 from simgap.model.compile import Kernel, compile_interval_kernel
-from simgap.model.kernel_cache import cached_kernel
-from simgap.model.sampled import NominalModel
+from simgap.model.sampled import NominalModel, over_boxes
 
 _SMALL = 500  # operations up to which a row is multiplied out, in case that makes it shorter
 _FEW = 1000
@@ -124,10 +123,9 @@ class ClosedFormGap:
         groups = (self.x, self.u)
         slopes = compile_interval_kernel([sp.diff(self.d[i], s) for s in self.x], groups)
         value = compile_interval_kernel([self.d[i]], groups)
-        slope_lo, slope_hi = _over_cells(slopes)(c - reach, c + reach, inputs, len(self.x))
-        values = _over_cells(value)
-        lo, hi = values(c - reach, c + reach, inputs, 1)
-        centre_lo, centre_hi = values(c, c, inputs, 1)
+        slope_lo, slope_hi = _over_cells(slopes, c - reach, c + reach, inputs, len(self.x))
+        lo, hi = _over_cells(value, c - reach, c + reach, inputs, 1)
+        centre_lo, centre_hi = _over_cells(value, c, c, inputs, 1)
         if not (np.isfinite(lo).all() and np.isfinite(hi).all()):
             raise UserError(
                 f"the gap of {self.x[i]} is not shown to be bounded on X and U",
@@ -186,18 +184,9 @@ def _most_terms(e: sp.Expr) -> float:
     return most
 
 
-def _over_cells(kernel: Kernel) -> Kernel:
-    """numba: enclosures over boxes (N, nx), (N, nx) for each input (M, nu): two (N, M, size)."""
-
-    @cached_kernel
-    def over_cells(lo: Floats, hi: Floats, inputs: Floats, size: int) -> tuple[Floats, Floats]:
-        low = np.empty((lo.shape[0], inputs.shape[0], size))
-        high = np.empty((lo.shape[0], inputs.shape[0], size))
-        for n in range(lo.shape[0]):
-            for m in range(inputs.shape[0]):
-                values = kernel(lo[n], hi[n], inputs[m], inputs[m])
-                for i in range(size):
-                    low[n, m, i], high[n, m, i] = values[i][0], values[i][1]
-        return low, high
-
-    return over_cells
+def _over_cells(kernel: Kernel, lo: Floats, hi: Floats, inputs: Floats, size: int) -> tuple[Floats, Floats]:
+    """Enclosures over boxes (N, nx), (N, nx) for each input (M, nu): two (N, M, size)."""
+    low, high = over_boxes(kernel)(
+        np.repeat(lo, len(inputs), axis=0), np.repeat(hi, len(inputs), axis=0), np.tile(inputs, (len(lo), 1)), size
+    )
+    return low.reshape(len(lo), -1, size), high.reshape(len(lo), -1, size)

@@ -104,10 +104,10 @@ class LinearFit(DimensionFit, kind="linear"):
                     remedy(where, settings, known.grid, rough, residual=True),
                 )
         tiers = _tiers(given, sides)
-        if settings.signed:
-            lows = tuple(negated(s["lower"].form) for s in sides)
-            return _lifted(LinearGap(where.domain, tiers, lows, tuple(s["upper"].form for s in sides))), sides
-        return _lifted(LinearGap.unsigned(where.domain, tiers, [s["both"].form for s in sides])), sides
+        below, above = (
+            tuple(s[name if settings.signed else "both"].form for s in sides) for name in ("lower", "upper")
+        )
+        return _lifted(LinearGap(where.domain, tiers, tuple(map(negated, below)), above)), sides
 
 
 def _lifted(function: LinearGap) -> LinearGap:

@@ -12,12 +12,8 @@ both sides of those and their neighbours are rough. Then the same over two cells
 in two and no steeper over one cell than over two. Two numbers an axis say what is out, and cells are marked where they
 are looked at.
 
-A cell depends on its neighbours alone but through largest values and counts, so layers of cells are taken some at a
-time: memory does not grow with the samples, and the result is the same to the last bit.
-
-Arrays are (cells_1, ..., cells_nx, M). A stencil on a slab is wrong in the layers at its ends, as many as it reaches;
-these belong to the slabs beside it, and `Slab.own` leaves them out. At an end of the grid there are none, and a stencil
-does what it does there.
+Inputs meet in largest values and counts alone, so some are taken at a time, on all cells: memory does not grow with
+their number, and the result is the same to the last bit. Arrays are (cells_1, ..., cells_nx, M).
 """
 
 from __future__ import annotations
@@ -25,11 +21,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from math import prod
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simgap.arrays import Bools, Floats
 from simgap.errors import UserError
@@ -108,75 +102,19 @@ def widest(e: Floats, grid: Grid, axes: tuple[int, ...]) -> Floats:
     return np.asarray(scipy.ndimage.maximum_filter(e, size=window(grid, axes), mode=modes(grid)))
 
 
-Number = TypeVar("Number", bound=np.generic)
 PIECE = 2**20
-"""Samples that are looked at together, where a few layers have no more."""
-_READ = 4
-"""Times as many that are read together where they have more: then some inputs are looked at after the others."""
+"""Samples that are looked at together; at least all cells for one input."""
 
 
-@dataclass(frozen=True, eq=False)
-class Slab:
-    """Layers of cells along one axis, and those beside them.
-
-    Attributes:
-        grid: of what is read, for stencils: a part of the grid does not repeat itself along the axis.
-        ranges: rows that are read, first and last. axis: the slowest with more than one cell.
-        inner: its own layers among those that are read. first: its first own row. inputs: to look at together.
-    """
-
-    grid: Grid
-    ranges: tuple[tuple[int, int], ...]
-    axis: int
-    inner: slice
-    first: int
-    inputs: tuple[slice, ...]
-
-    def read(self, values: Values) -> Floats:
-        """Values (N, M) on the slab: (cells_1, ..., cells_nx, M)."""
-        parts = [values[slice(*ends)] for ends in self.ranges]
-        rows = parts[0] if len(parts) == 1 else np.concatenate(parts)
-        return rows.reshape(*self.grid.cells, -1)
-
-    def own(self, cells: NDArray[Number]) -> NDArray[Number]:
-        """The part that belongs to the slab's own cells."""
-        return cells[(slice(None),) * self.axis + (self.inner,)]
+def pieces(inputs: int, grid: Grid) -> Iterator[slice]:
+    """Inputs that are looked at together, on all cells."""
+    step = max(1, PIECE // grid.size)
+    yield from (slice(first, min(first + step, inputs)) for first in range(0, inputs, step))
 
 
-def slabs(grid: Grid, inputs: int, reach: int) -> Iterator[Slab]:
-    """Slabs for stencils that reach so many cells, in order; together all samples, each in one slab of its own."""
-    axis = next((j for j, count in enumerate(grid.cells) if count > 1), 0)
-    count, rows = grid.cells[axis], prod(grid.cells[axis + 1 :])
-    together = PIECE // (rows * inputs) - 2 * reach
-    if together < 2 * reach:
-        together = max(1, _READ * PIECE // (rows * inputs) - 2 * reach)
-    for a in range(0, count, together):
-        b = min(a + together, count)
-        if (a, b) == (0, count):
-            ranges, inner, periodic = [(0, count)], slice(0, count), grid.periodic
-        elif axis in grid.periodic:
-            ranges, inner = _wrapped(a - reach, b + reach, count), slice(reach, reach + b - a)
-            periodic = tuple(j for j in grid.periodic if j != axis)
-        else:
-            low = max(0, a - reach)
-            ranges, inner, periodic = [(low, min(count, b + reach))], slice(a - low, b - low), grid.periodic
-        layers = sum(last - first for first, last in ranges)
-        cells = [layers if j == axis else own for j, own in enumerate(grid.cells)]
-        ends = tuple((first * rows, last * rows) for first, last in ranges)
-        step = max(1, PIECE // (layers * rows))
-        some = tuple(slice(first, min(first + step, inputs)) for first in range(0, inputs, step))
-        yield Slab(Grid(grid.box, cells, periodic), ends, axis, inner, a * rows, some)
-
-
-def _wrapped(first: int, last: int, count: int) -> list[tuple[int, int]]:
-    """Layers first to last - 1 of a periodic axis, as ranges."""
-    found = []
-    while first < last:
-        start = first % count
-        stop = min(count, start + last - first)
-        found.append((start, stop))
-        first += stop - start
-    return found
+def on_cells(numbers: Values, some: slice, grid: Grid) -> Floats:
+    """Values (N, M) of some inputs: (cells_1, ..., cells_nx, inputs)."""
+    return numbers.of_inputs(some).reshape(*grid.cells, -1)
 
 
 @dataclass(frozen=True)
@@ -302,10 +240,6 @@ class DimensionLipschitz(
     largest: float
 
 
-REACH = 2
-"""Cells by which a mark may be away from the difference that makes it."""
-
-
 @dataclass(frozen=True)
 class Roughness:
     """Above which differences cells are rough: for each axis over one cell, and over two cells without one of those."""
@@ -320,7 +254,7 @@ class Roughness:
         return bool(np.isfinite([*self.one.values(), *self.two.values()]).any())
 
     def marks(self, e: Floats, grid: Grid) -> Bools:
-        """Rough cells of values (cells_1, ..., cells_nx, M), the same shape; wrong within `REACH` of a slab's ends."""
+        """Rough cells of values (cells_1, ..., cells_nx, M), the same shape."""
         rough = np.zeros(e.shape, dtype=bool)
         for j in self.axes:
             two = self.two.get(j, np.inf)
@@ -355,10 +289,10 @@ def _gates(
     found, left, cells = dict.fromkeys(axes, np.inf), list(axes), 1 if known is None else 2
     while left:
         fine, broad = dict.fromkeys(left, 0.0), dict.fromkeys(left, 0.0)
-        for slab in slabs(grid, d.shape[1], 2 * cells):
-            e = slab.read(d)
-            for j, some in ((j, some) for some in slab.inputs for j in left):
-                own = _rest(e[..., some], j, slab.grid, cells, found[j], np.inf if known is None else known[j])
+        for some in pieces(d.shape[1], grid):
+            e = on_cells(d, some, grid)
+            for j in left:
+                own = _rest(e, j, grid, cells, found[j], np.inf if known is None else known[j])
                 fine[j], broad[j] = max(fine[j], own[0]), max(broad[j], 0.5 * own[1])
         left = [j for j in left if fine[j] > max(gate * broad[j], floor)]
         for j in left:
@@ -390,26 +324,22 @@ def estimate(d: Values | Floats, grid: Grid, free: tuple[int, ...] = (), floor: 
     given, axes = values(d), moving_axes(grid, free)
     found = _Found(grid, given.shape[1])
     rough = roughness(given, grid, axes, floor)
-    for slab in slabs(grid, given.shape[1], REACH):
-        e = slab.read(given)
-        for some in slab.inputs:
-            own = e[..., some]
-            marked = slab.own(rough.marks(own, slab.grid)) if rough.any else None
-            for j in axes:
-                step = steps(own, j, slab.grid)
-                first = to_cells(step, j, slab.grid)
-                local = (first + turns(step, j, slab.grid, axes)) / (2.0 * grid.h[j])
-                found.add_slopes(j, slab.own(first), slab.own(local), marked)
-            if marked is not None:
-                spread = np.where(marked, slab.own(_spread(own, slab.grid, axes)), 0.0)
-                found.add_rough(marked, spread, slab.first)
+    for some in pieces(given.shape[1], grid):
+        e = on_cells(given, some, grid)
+        marked = rough.marks(e, grid) if rough.any else None
+        for j in axes:
+            step = steps(e, j, grid)
+            first = to_cells(step, j, grid)
+            found.add_slopes(j, first, (first + turns(step, j, grid, axes)) / (2.0 * grid.h[j]), marked)
+        if marked is not None:
+            found.add_rough(marked, np.where(marked, _spread(e, grid, axes), 0.0))
     ratio = np.ones(len(grid.cells))
     ratio[list(axes)] = _resolution(given, axes, grid, floor)
     return found.result(ratio, axes)
 
 
 class _Found:
-    """Largest slopes and rough cells, collected slab by slab."""
+    """Largest slopes and rough cells, collected over the inputs."""
 
     def __init__(self, grid: Grid, inputs: int) -> None:
         nx = len(grid.cells)
@@ -425,17 +355,14 @@ class _Found:
         self.slopes[j] = max(self.slopes[j], first.max() / (2.0 * self.grid.h[j]))
         self.smooth[j] = max(self.smooth[j], top if rough is None else local[~rough].max(initial=0.0))
 
-    def add_rough(self, rough: Bools, spread: Floats, first: int) -> None:
-        """Rough cells, and how far the values around them are apart; `first` is the row of the first one."""
-        axis = next((j for j, count in enumerate(self.grid.cells) if count > 1), 0)
-        start = first // int(np.prod(self.grid.cells[axis + 1 :]))
+    def add_rough(self, rough: Bools, spread: Floats) -> None:
+        """Rough cells, and how far the values around them are apart."""
         for j, layers in enumerate(self.rough):
-            own = rough.sum(axis=tuple(k for k in range(rough.ndim) if k != j))
-            layers[start if j == axis else 0 :][: len(own)] += own
+            layers += rough.sum(axis=tuple(k for k in range(rough.ndim) if k != j))
         largest = spread.reshape(-1, spread.shape[-1]).max(axis=1)
         at = int(largest.argmax())
-        if largest[at] > self.jump or (largest[at] == self.jump and first + at < self.at):
-            self.jump, self.at = float(largest[at]), first + at
+        if largest[at] > self.jump or (largest[at] == self.jump and at < self.at):
+            self.jump, self.at = float(largest[at]), at
 
     def result(self, ratio: Floats, axes: tuple[int, ...]) -> GridLipschitz:
         """All of it."""
@@ -468,10 +395,10 @@ def _resolution(d: Values, axes: tuple[int, ...], grid: Grid, floor: float) -> l
     """L(s) / L(2 s), or L(2 s) / L(4 s) if larger: a jump on a sample is split in two and hides from the first."""
     known = {j: [cells for cells in (1, 2, 4) if cells < grid.cells[j]] for j in axes}
     top = {(j, n): 0.0 for j in axes for n in known[j]}
-    for slab in slabs(grid, d.shape[1], 4):
-        e = slab.read(d)
-        for some, (j, n) in ((some, key) for some in slab.inputs for key in top):
-            top[j, n] = max(top[j, n], float(np.abs(steps(e[..., some], j, slab.grid, n)).max(initial=0.0)))
+    for some in pieces(d.shape[1], grid):
+        e = on_cells(d, some, grid)
+        for j, n in top:
+            top[j, n] = max(top[j, n], float(np.abs(steps(e, j, grid, n)).max(initial=0.0)))
     pairs = {j: list(pairwise(top[j, n] / n for n in known[j])) for j in axes}
     return [max((a / b if b > 0.0 else np.inf for a, b in pairs[j] if a > floor), default=1.0) for j in axes]
 

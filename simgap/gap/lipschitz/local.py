@@ -32,13 +32,12 @@ import numpy as np
 from simgap.arrays import Bools, Floats, Ints
 from simgap.gap.bounds.closed_form import CellRanges
 from simgap.gap.lipschitz.grid import (
-    REACH,
     GridLipschitz,
     Roughness,
-    Slab,
     moving_axes,
+    on_cells,
+    pieces,
     roughness,
-    slabs,
     steps,
     to_cells,
     turns,
@@ -110,8 +109,8 @@ class LocalPadding:
     def _rough(self) -> Roughness:
         return roughness(self.target, self.grid, self.axes, self.floor)
 
-    def _slabs(self) -> Iterator[Slab]:
-        return slabs(self.grid, self.target.shape[1], REACH)
+    def _pieces(self, fit: FitSlopes | None) -> Iterator[_Piece]:
+        return (_Piece(self, fit, some) for some in pieces(self.target.shape[1], self.grid))
 
     def along(self, beside: OffGrid, fit: FitSlopes | None = None) -> tuple[Floats, Floats]:
         """Largest moves of t - q.p from samples beside the grid: along their surface, across it; (E, M) each.
@@ -122,13 +121,9 @@ class LocalPadding:
         """
         bend, count = self._bend(fit), (len(beside.cells), self.target.shape[1])
         rows = {j: np.empty(count) for j in self.axes}
-        for slab in self._slabs():
-            of_slab = _Read(slab, self, fit)
-            last = slab.first + of_slab.size
-            here = np.flatnonzero((beside.cells >= slab.first) & (beside.cells < last))
-            for some in slab.inputs if len(here) else ():
-                for j, part in of_slab.parts(some):
-                    rows[j][here, some] = part.reshape(of_slab.size, -1)[beside.cells[here] - slab.first]
+        for piece in self._pieces(fit):
+            for j, part in piece.parts():
+                rows[j][:, piece.some] = part.reshape(self.grid.size, -1)[beside.cells]
         moved, held = np.zeros(count), np.zeros((1, 1))
         for j, own in rows.items():
             fixed = beside.at.fixed[:, [j]]
@@ -148,15 +143,13 @@ class LocalPadding:
             residual = combined(np.subtract, self.target, fit.values)
             rough.append(roughness(residual, self.grid, self.axes, self.floor, split=False))
         any_rough = any(own.any for own in rough)
-        for slab in self._slabs():
-            of_slab, own = _Read(slab, self, fit), _rows(slab, self.target)
-            for some in slab.inputs:
-                own[..., some] = sum(part for _, part in of_slab.parts(some)) + bend
-                if any_rough:
-                    marks = of_slab.marks(rough, some)
-                    marked += int(marks.sum())
-                    usual = max(usual, float(own[..., some][~marks].max(initial=0.0)))
-            pad.put(slab.first, own.reshape(-1, own.shape[-1]))
+        for piece in self._pieces(fit):
+            own = sum((part for _, part in piece.parts()), np.zeros(())) + bend
+            if any_rough:
+                marks = piece.marks(rough)
+                marked += int(marks.sum())
+                usual = max(usual, float(own[~marks].max(initial=0.0)))
+            pad.put_inputs(piece.some, own.reshape(self.grid.size, -1))
         if any_rough:
             self._raise(pad, fit, rough, usual)
         return pad, marked / self.target.size
@@ -164,66 +157,53 @@ class LocalPadding:
     def _raise(self, pad: Kept, fit: FitSlopes | None, rough: list[Roughness], usual: float) -> None:
         """Where the grid does not resolve t or e, at least to what the neighbours have."""
         bend = self._bend(fit)
-        for slab in self._slabs():
-            of_slab, own = _Read(slab, self, fit), _rows(slab, self.target)
-            rows = own.reshape(-1, self.target.shape[1])
-            rows[:] = pad[slab.first : slab.first + len(rows)]
-            for some in slab.inputs:
-                where = of_slab.marks(rough, some)
-                if where.any():
-                    straight, flat = of_slab.risen(some)
-                    least = np.minimum(straight[where] + 5.0 * bend, flat[where] + bend) + usual
-                    own[..., some][where] = np.maximum(own[..., some][where], least)
-            pad.put(slab.first, rows)
+        for piece in self._pieces(fit):
+            where = piece.marks(rough)
+            if where.any():
+                own, (straight, flat) = on_cells(pad, piece.some, self.grid), piece.risen()
+                least = np.minimum(straight[where] + 5.0 * bend, flat[where] + bend) + usual
+                own[where] = np.maximum(own[where], least)
+                pad.put_inputs(piece.some, own.reshape(self.grid.size, -1))
 
 
-def _rows(slab: Slab, target: Values) -> Floats:
-    """An array for what belongs to a slab's own cells, for all inputs."""
-    shape = [*slab.grid.cells, target.shape[1]]
-    shape[slab.axis] = slab.inner.stop - slab.inner.start
-    return np.empty(shape)
+class _Piece:
+    """A target and its fit for `some` inputs, on all cells."""
 
-
-class _Read:
-    """A target and its fit on one slab."""
-
-    def __init__(self, slab: Slab, padding: LocalPadding, fit: FitSlopes | None) -> None:
-        self.slab, self.padding, self.fit = slab, padding, fit
-        self.field = slab.read(padding.target)
-        self.size = _rows(slab, padding.target).size // padding.target.shape[1]
+    def __init__(self, padding: LocalPadding, fit: FitSlopes | None, some: slice) -> None:
+        self.padding, self.fit, self.some = padding, fit, some
+        self.field = on_cells(padding.target, some, padding.grid)
 
     @cached_property
     def residual(self) -> Floats:
-        return self.field if self.fit is None else self.field - self.slab.read(self.fit.values)
+        return self.field if self.fit is None else self.field - on_cells(self.fit.values, self.some, self.padding.grid)
 
     @cached_property
     def slopes(self) -> dict[int, Floats]:
-        axes = self.padding.axes if self.fit is not None else ()
-        return {j: self.slab.read(self.fit.slope(j)) for j in axes if self.fit is not None}
+        if self.fit is None:
+            return {}
+        return {j: on_cells(self.fit.slope(j), self.some, self.padding.grid) for j in self.padding.axes}
 
-    def parts(self, some: slice) -> Iterator[tuple[int, Floats]]:
-        """Share of each axis in the padding of the slab's own cells, for some inputs."""
-        grid, axes = self.slab.grid, self.padding.axes
+    def parts(self) -> Iterator[tuple[int, Floats]]:
+        """Share of each axis in the padding of the cells."""
+        grid, axes = self.padding.grid, self.padding.axes
         for j in axes:
-            expected = self.slopes[j][..., some] * 2.0 * self.padding.grid.h[j] if j in self.slopes else None
-            step = steps(self.field[..., some], j, grid)
-            beside = to_cells(step, j, grid, expected) + turns(step, j, grid, axes)
-            yield j, 0.5 * self.slab.own(widest(beside, grid, axes))
+            expected = self.slopes[j] * 2.0 * grid.h[j] if j in self.slopes else None
+            step = steps(self.field, j, grid)
+            yield j, 0.5 * widest(to_cells(step, j, grid, expected) + turns(step, j, grid, axes), grid, axes)
 
-    def marks(self, rough: list[Roughness], some: slice) -> Bools:
+    def marks(self, rough: list[Roughness]) -> Bools:
         """Rough cells of the target and of the residual."""
         fields = (self.field, self.residual)
-        found = [own.marks(e[..., some], self.slab.grid) for own, e in zip(rough, fields, strict=False) if own.any]
-        return self.slab.own(np.logical_or.reduce(found))
+        found = [own.marks(e, self.padding.grid) for own, e in zip(rough, fields, strict=False) if own.any]
+        return np.asarray(np.logical_or.reduce(found))
 
-    def risen(self, some: slice) -> tuple[Floats, Floats]:
+    def risen(self) -> tuple[Floats, Floats]:
         """Excess of the largest neighbour over a cell: of the residual; of t, with what q.p rises in the cell."""
-        grid, axes = self.slab.grid, self.padding.axes
-        fields = (e[..., some] for e in (self.residual, self.field))
-        left, field = (self.slab.own(widest(e, grid, axes) - e) for e in fields)
+        grid, axes = self.padding.grid, self.padding.axes
+        left, field = (widest(e, grid, axes) - e for e in (self.residual, self.field))
         own = np.zeros_like(field)
         for j, slope in self.slopes.items():
-            own += self.slab.own(np.abs(slope[..., some]) * self.padding.grid.h[j])
+            own += np.abs(slope) * grid.h[j]
         return left, field + own
 
 

@@ -18,8 +18,7 @@ from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain, Tier
 from simgap.gap.bounds.previous import PreviousClasses
 from simgap.gap.fitting.acceptance import FreshCheck, check_sequences, confirmed, tolerate
-from simgap.gap.memory.fit import HistoryInfluence, HullFit
-from simgap.gap.memory.hidden_state import check_fading, tolerance_of
+from simgap.gap.memory.hidden_state import HistoryInfluence, HullFit, check_fading, tolerance_of
 from simgap.gap.memory.search import BoundTable, HistorySearch, search
 from simgap.gap.sampling.points import Columns, Points, body_samples
 from simgap.gap.sampling.samples import previous_classes, read_back
@@ -27,7 +26,7 @@ from simgap.gap.sampling.symmetry import SymmetryDeviation
 from simgap.plants.context import Context, pose_axes
 from simgap.simulators.body_samples import REST
 from simgap.simulators.process import run_in_processes
-from simgap.simulators.rollouts import last_steps_of
+from simgap.simulators.rollouts import last_steps, open_robot
 from simgap.statistics import TOP
 
 Attack = Callable[[BoundTable], HistorySearch]
@@ -184,7 +183,8 @@ def search_in_engine(
     case: Case, folder: Path, table: BoundTable, inputs: Floats, length: int, budget: int, seed: int
 ) -> HistorySearch:
     """Run in the engine's process; see `hidden_search.search`."""
-    with last_steps_of(case, folder, inputs) as steps:
+    with open_robot(case, folder) as robot:
+        steps = partial(last_steps, robot, inputs=inputs)
         return search(table, steps, inputs, length, budget, np.random.default_rng(seed))
 
 

@@ -18,7 +18,7 @@ from simgap.errors import UserError
 from simgap.gap.memory.hidden_state import random_sequences
 from simgap.gap.sampling.points import AFTER_PREVIOUS, HISTORY, SEQUENCE, Columns, Points, cut, step_columns
 from simgap.simulators.body_samples import BodySamples
-from simgap.simulators.rollouts import after_previous, along_sequences, repeated_histories
+from simgap.simulators.rollouts import after_previous, along_sequences, last_steps, open_robot
 
 SEQUENCE_PARTS = 4  # each with random headings of its own, whatever the number of shards and workers
 
@@ -47,9 +47,11 @@ def history_shard(case: Case, folder: Path, points: Points, shard: int, shards: 
         found = along_sequences(case, folder, numbers, inputs, seed)
         tables.append(_part(case, inputs, SEQUENCE, found, np.arange(hidden.chain_length), np.array([np.nan])))
     if len(checked):
-        found = repeated_histories(case, folder, checked, inputs, angles)
         back = np.array([*range(1, hidden.length + 1), *([hidden.length] * symmetry.headings)])
         heading = np.concatenate([np.zeros((len(checked), hidden.length)), angles], axis=1).ravel()
+        every = [numbers[hidden.length - k :] for numbers in checked for k in back]
+        with open_robot(case, folder) as robot:
+            found = last_steps(robot, every, heading, inputs), robot.engine
         tables.append(_part(case, inputs, HISTORY, found, back, heading))
     if not tables:
         raise UserError("there are more shards than samples", key="grid.shards", remedy="Use fewer.")

@@ -43,6 +43,10 @@ class Values:
         """All of them in memory, (N, M)."""
         return self[0 : self.shape[0]]
 
+    def of_inputs(self, some: slice) -> Floats:
+        """Those of some inputs in memory, (N, k)."""
+        return np.concatenate([self[block][:, some] for block in self.blocks()])
+
     def blocks(self, first: int = 0, last: int | None = None) -> Iterator[slice]:
         """Consecutive rows that are looked at together; of all, if no others are named."""
         step, end = max(1, BLOCK // self.shape[1]), self.shape[0] if last is None else last
@@ -64,6 +68,13 @@ class Kept(Values):
     """Numbers that are kept somewhere, and can be written: `put` writes rows (n, M) from a first one on."""
 
     put: Callable[[int, Floats], None]
+
+    def put_inputs(self, some: slice, columns: Floats) -> None:
+        """Write those of some inputs, (N, k)."""
+        for block in self.blocks():
+            rows = self[block]
+            rows[:, some] = columns[block]
+            self.put(block.start, rows)
 
 
 Room = Callable[[tuple[int, int]], Kept]

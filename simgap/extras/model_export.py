@@ -1,4 +1,4 @@
-"""The nominal model of a case with its effects as a URDF or MJCF, where that can say them; one with other inertias.
+"""The nominal model of a case with its effects as a URDF or MJCF, where that can say them.
 
 A URDF states a joint's viscous damping and dry friction, and a link's mass. MJCF states damping, dry friction, armature
 and stiffness of a joint, masses of bodies, the gear of a motor. The rest of the library neither can say, and a file
@@ -7,8 +7,6 @@ without it would be another model, so it is refused.
 
 from __future__ import annotations
 
-import os
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -16,13 +14,12 @@ from xml.etree import ElementTree
 import numpy as np
 
 from simgap import reading
-from simgap.arrays import Floats
 from simgap.config.case import Case
 from simgap.config.load import load_case
 from simgap.effects import EFFECTS, AppliedEffect
 from simgap.errors import UserError
 from simgap.io.atomic import write_text
-from simgap.model.tree import symmetric
+from simgap.io.urdf_file import MOMENTS, move_meshes
 from simgap.plants.plant_model import PlantModel
 from simgap.plants.urdf_checks import loading
 from simgap.simulators.mjcf import require_mujoco
@@ -62,7 +59,7 @@ def export_model(case: Path | str, out: Path | str) -> None:
         model.compile()
         write_text(out, model.to_xml())
     else:
-        _move_meshes(model, source.parent, out.parent)
+        move_meshes(model, source.parent, out.parent)
         write_text(out, ElementTree.tostring(model, encoding="unicode", xml_declaration=True) + "\n")
 
 
@@ -136,63 +133,10 @@ def _is_denser(robot: ElementTree.Element, given: AppliedEffect) -> bool:
     if quantity != "mass" or link is None:
         return False
     ratio = float(given.values["ratio"])
-    for tag, names in (("mass", ("value",)), ("inertia", _NAMES)):
+    for tag, names in (("mass", ("value",)), ("inertia", MOMENTS)):
         own = link.find(f"inertial/{tag}")
         if own is None:
             return False
         for name in names:
             own.set(name, repr(float(own.get(name, "0")) * ratio))
     return True
-
-
-_NAMES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-
-
-def with_inertial(source: Path, folder: Path, inertial: Mapping[str, Floats]) -> str:
-    """The text of the file with these parameters (10,) of each moving link, of all that is welded to it together.
-
-    Links on fixed joints to them weigh nothing in it. Paths of meshes hold from `folder`.
-    """
-    robot = reading.read_xml(source)
-    ends = [(j.find("parent"), j.find("child"), j.get("type")) for j in robot.findall("joint")]
-    fixed = {c.get("link"): p.get("link") for p, c, kind in ends if kind == "fixed" and p is not None and c is not None}
-    for link in robot.findall("link"):
-        name = link.get("name", "")
-        if name in inertial:
-            write_inertial(link, inertial[name])
-        elif _carrier(name, fixed) in inertial and (own := link.find("inertial")) is not None:
-            link.remove(own)
-    _move_meshes(robot, source.parent, folder)
-    return ElementTree.tostring(robot, encoding="unicode", xml_declaration=True) + "\n"
-
-
-def _carrier(name: str, fixed: Mapping[str | None, str | None]) -> str:
-    """The link that carries this one over fixed joints."""
-    while name in fixed:
-        name = fixed[name] or ""
-    return name
-
-
-def write_inertial(link: ElementTree.Element, p: Floats) -> None:
-    """Give a link these parameters (10,); none if it weighs nothing."""
-    if not p[0] > 0.0:
-        return
-    m, com = float(p[0]), p[1:4] / p[0]
-    about = symmetric(p[4:]) - m * (com @ com * np.eye(3) - np.outer(com, com))
-    old = link.find("inertial")
-    if old is not None:
-        link.remove(old)
-    own = ElementTree.Element("inertial")
-    link.insert(0, own)
-    ElementTree.SubElement(own, "origin", {"xyz": " ".join(f"{c:.9g}" for c in com), "rpy": "0 0 0"})
-    ElementTree.SubElement(own, "mass", {"value": f"{m:.9g}"})
-    values = about[np.triu_indices(3)]
-    ElementTree.SubElement(own, "inertia", {n: repr(float(v)) for n, v in zip(_NAMES, values, strict=True)})
-
-
-def _move_meshes(robot: ElementTree.Element, source: Path, folder: Path) -> None:
-    """Rewrite relative paths of meshes that start from `source` so that they start from `folder`."""
-    for mesh in robot.iter("mesh"):
-        file = mesh.get("filename", "")
-        if file and "://" not in file and not Path(file).is_absolute():
-            mesh.set("filename", Path(os.path.relpath(source / file, folder)).as_posix())
