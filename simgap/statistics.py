@@ -79,6 +79,11 @@ def fewest_draws(missed: float, doubt: float, extremes: int) -> int:
     return high
 
 
+def clopper_pearson_lower(n: int, violations: int, confidence: float) -> float:
+    """One-sided lower bound of a probability from `violations` among `n` iid trials (Clopper & Pearson 1934)."""
+    return float(scipy.special.betaincinv(violations, n - violations + 1, 1.0 - confidence)) if violations else 0.0
+
+
 class norm:
     """The standard normal distribution."""
 

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 
 from simgap.config.case import Case
 from simgap.gap.bounds.function import Tier
-from simgap.gap.fitting.acceptance import clopper_pearson_lower
-from simgap.statistics import fewest_draws
+from simgap.statistics import clopper_pearson_lower, fewest_draws
 
 WANTED = 0.95
 """Probability of a run that `check` names an alpha for. Judgement."""

@@ -80,11 +80,6 @@ def clopper_pearson_upper(n: int, violations: int, confidence: float = 0.95) -> 
     return 1.0 if violations == n else float(scipy.special.betaincinv(violations + 1, n - violations, confidence))
 
 
-def clopper_pearson_lower(n: int, violations: int, confidence: float = 0.95) -> float:
-    """One-sided lower bound of a probability from `violations` among `n` iid trials: 0 without any."""
-    return 1.0 - clopper_pearson_upper(n, n - violations, confidence)
-
-
 @dataclass(frozen=True)
 class FreshCheck:
     """A gap bound checked against samples that no fit has seen.
