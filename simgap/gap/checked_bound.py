@@ -142,7 +142,9 @@ def gap(context: Context, made: Made) -> Bound:
     if section.bound != "conformal":
         none_outside(beside)
     memory = (REMEMBERED,) if noise is None and made.shards and f"least_{names[0]}" in made.shards[0] else ()
-    standing = confirmed(result.function.tiers, check) if noise is None else noise.tiers(result.function.tiers)
+    standing = confirmed(result.function.tiers, check)
+    if noise is not None:
+        standing = [Tier(1, noise.of_step), *(tier for tier in result.function.tiers if tier.level != 1)]
     symmetric = (shifts.tier(names),) if shifts is not None else ()
     reversing = (staircase_tier(context, stair),) if stair is not None else ()
     tiers = [*standing, *memory, *reversing, *symmetric, check.tier, beside.tier]

@@ -7,11 +7,9 @@ together with the stated confidence (`statistics.fewest_draws`, its doubt divide
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from simgap.config.case import Case
-from simgap.gap.bounds.function import Tier
 from simgap.statistics import clopper_pearson_lower, fewest_draws
 
 WANTED = 0.95
@@ -32,17 +30,16 @@ class NoiseStatement:
     samples: int
     draws: int
 
-    def tiers(self, tiers: Sequence[Tier]) -> list[Tier]:
-        """This statement, in the place of one that nothing lies outside, and the other tiers of a bound."""
-        said = Tier(
-            1,
+    @property
+    def of_step(self) -> str:
+        """Sentences on a step, in the place of one that nothing lies outside."""
+        return (
             f"The simulator is random: at every state of X and input of U, a step lies within the bound with a "
             f"probability of at least {share(1.0 - self.alpha)}, with {share(self.confidence)} confidence in the bound "
             f"({self.draws:,} draws of the noise at each of {self.samples:,} samples; order statistics of all states "
             "together). Between samples this takes the quantiles of the noise to move with the state no faster than "
-            "the extremes of these draws, by their Lipschitz constants. Noise is independent from step to step.",
+            "the extremes of these draws, by their Lipschitz constants. Noise is independent from step to step."
         )
-        return [said, *(tier for tier in tiers if tier.level != 1)]
 
     def of_run(self, steps: int) -> str:
         """Sentence on a run."""
