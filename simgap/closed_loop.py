@@ -177,6 +177,8 @@ class Record:
 
 LEFT = "left what is certified"
 """How a run ends that did what was asked, but not by way of what the controller's certificate says."""
+BEYOND = "failed after a step outside gamma"
+"""How a run of a simulator with noise ends that fails after a step that gamma leaves out: no promise speaks of it."""
 BATCH = 100  # runs whose steps are compared with the bound at once
 
 
@@ -209,6 +211,7 @@ class Judge:
         certificate: what a controller proves of this plant; a run that leaves it counts as a violation even if it comes
             back. None for a controller that proves nothing of it: the specification alone is judged.
         tolerant: whether the case tolerates steps outside gamma, so that a run with one is judged like that too.
+        noisy: whether the simulator is random, so that a run may fail after such a step (`BEYOND`).
     """
 
     space: Space
@@ -219,6 +222,7 @@ class Judge:
     gap: GapFunction
     certificate: Solution | None = None
     tolerant: bool = False
+    noisy: bool = False
 
     def verdict(self, run: Run) -> Verdict:
         """Verdict on a run."""
@@ -237,6 +241,8 @@ class Judge:
 
     def certified(self, verdict: Verdict, outside: int) -> Verdict:
         """The verdict, or that of a run that left its certificate: steps outside gamma, or states it does not hold."""
+        if self.noisy and outside and self.certificate is not None and not verdict.outcome.kept:
+            return replace(verdict, outcome=replace(verdict.outcome, end=BEYOND))
         if self.certificate is None or not verdict.outcome.kept or (outside and self.tolerant):
             return verdict
         if not outside and not strays(self.certificate, verdict.run):

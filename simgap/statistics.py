@@ -58,6 +58,32 @@ def _rank(n: int, level: float) -> int:
     return math.ceil((n + 1) * level)
 
 
+def fewest_draws(missed: float, doubt: float, extremes: int) -> int:
+    """The fewest draws whose hull, of so many extremes, misses more than `missed` with at most the probability `doubt`.
+
+    What the hull of K independent draws misses has at most the distribution Beta(extremes, K - extremes + 1): of one
+    number, with 2 extremes, that is the rule of Wilks (1941), Determination of Sample Sizes for Setting Tolerance
+    Limits; of a box in n dimensions, with 2 n, of Tukey (1947), Non-Parametric Estimation II, and of Campi and Garatti
+    (2008), The Exact Feasibility of Randomized Solutions of Uncertain Convex Programs.
+    """
+
+    def too_few(draws: int) -> bool:
+        return float(scipy.special.betaincc(extremes, draws - extremes + 1, missed)) > doubt
+
+    low, high = extremes - 1, extremes
+    while too_few(high):
+        low, high = high, 2 * high
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if too_few(middle) else (low, middle)
+    return high
+
+
+def clopper_pearson_lower(n: int, violations: int, confidence: float) -> float:
+    """One-sided lower bound of a probability from `violations` among `n` iid trials (Clopper & Pearson 1934)."""
+    return float(scipy.special.betaincinv(violations, n - violations + 1, 1.0 - confidence)) if violations else 0.0
+
+
 class norm:
     """The standard normal distribution."""
 

@@ -49,7 +49,7 @@ def test_code_that_a_stage_reaches():
     assert not any(name.startswith(elsewhere) for name in reached("rollouts"))
     where_it_is_asked = {
         *("sampling/points", "memory/hidden_state", "memory/histories"),
-        *("bounds/previous", "gap/thresholds", "gap/json_record"),
+        *("bounds/previous", "gap/thresholds", "gap/json_record", "gap/noise"),
     }
     of_the_gap = ("gap/", "sampling/", "memory/", "bounds/")
     assert {name for name in reached("rollouts") if name.startswith(of_the_gap)} <= where_it_is_asked

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from simgap.arrays import Bools, Floats, Ints
 from simgap.attack.worst_step import KEPT, share
-from simgap.closed_loop import Judge, Record, split_by_run
+from simgap.closed_loop import BEYOND, Judge, Record, split_by_run
 from simgap.gap.bounds.function import GapFunction
 from simgap.gap.json_record import JsonRecord
 from simgap.geometry import Grid, drawn_in_cells
@@ -429,7 +429,7 @@ def _count(out: Campaign, opponent: Opponent, rule: str, runs: list[Run], steps:
         out.outside_gamma += count
         out.ends[outcome.end] += 1
         out.by[rule] += outcome.steps
-        if not outcome.kept:
+        if not outcome.kept and outcome.end != BEYOND:
             out.violations += 1
             if len(out.broken) < KEPT:
                 out.broken.append(BrokenRun(rule, outcome.end, verdict.run, outside[rows], d[rows], lo[rows], hi[rows]))
@@ -502,7 +502,7 @@ def attack_loops(
     law = ControlLaw(solution, context.input_set, error)
     model, inputs = context.plant.sampled, context.input_set
     most = case.validation.steps if case.validation is not None else 2000
-    judge = Judge(space, monitor, most, inputs, model, gap, solution)
+    judge = Judge(space, monitor, most, inputs, model, gap, solution, case.is_random, case.is_random)
 
     def bounds(x: Floats, u: Floats, before: Ints) -> tuple[Floats, Floats]:
         return gap.bounds_after(space.wrapped(x), u, before)

@@ -90,6 +90,28 @@ class Case(Section):
                     raise ValueError(f"{key} has {sorted(given)}, the plant has {sorted(declared)}")
         return self
 
+    @property
+    def is_random(self) -> bool:
+        """True if the simulator draws random numbers."""
+        return self.simulator is not None and self.simulator.is_random
+
+    @model_validator(mode="after")
+    def _noise_where_it_is_supported(self) -> Case:
+        if self.simulator is None or not self.is_random:
+            return self
+        unknown = sorted(set(self.simulator.noise) - {*self.plant.states, *self.plant.inputs})
+        if unknown:
+            raise ValueError(f"simulator.noise has {unknown}, which are neither states nor inputs of the plant")
+        for key, there, remedy in (
+            ("hidden_state", self.hidden_state, "take it out, or leave the noise out"),
+            ("symmetry", self.symmetry, "take it out: the noise may depend on every state"),
+            ("twin", self.twin, "take it out: two random simulators differ at every step"),
+            ("gap.bound: conformal", self.gap is not None and self.gap.bound == "conformal", "say bound: scenario"),
+        ):
+            if there:
+                raise ValueError(f"{key} is not supported for a simulator with noise (simulator.noise): {remedy}")
+        return self
+
     @model_validator(mode="after")
     def _translation_of_states(self) -> Case:
         along = self.symmetry.along if self.symmetry is not None else ()

@@ -147,6 +147,16 @@ class ConformalSection(Section):
     """Seed of these samples; differs from `gap.seed`, which draws those of the check."""
 
 
+class NoiseSection(Section):
+    """Statement that the bound makes of a simulator with noise; without noise nothing of it is used."""
+
+    alpha: float = Field(0.001, gt=0.0, lt=0.5)
+    """Probability with which a step may lie outside, at any state and input; a run of N steps keeps its promise with a
+    probability of at least (1 - alpha)^N."""
+    confidence: float = Field(0.99, gt=0.5, lt=1.0)
+    """Confidence that this holds at all samples together. Both set how often each sample is repeated."""
+
+
 class RemainderWithin(Section):
     """More is left in a part of X."""
 
@@ -159,7 +169,7 @@ class RemainderWithin(Section):
 class GapSection(Section):
     """Bound of the gap d = simulator - nominal on all of X x U, and its check."""
 
-    OPTIONAL: ClassVar[tuple[str, ...]] = ("remainder_within",)
+    OPTIONAL: ClassVar[tuple[str, ...]] = ("remainder_within", "noise")
 
     basis: Annotated[BasisSection, Plugged("bases", "kind", listed=("expressions", "terms"))]
     """Terms of the bound as expressions over states and inputs, such as [x1^2, x1*x2, u, 1]; or a kind with options,
@@ -198,6 +208,8 @@ class GapSection(Section):
     """How Lipschitz constants are estimated."""
     conformal: ConformalSection = ConformalSection()
     """Options of the conformal bound."""
+    noise: NoiseSection = NoiseSection()
+    """What the bound promises of a simulator with noise."""
     seed: int = Field(1, ge=0)
     """Seed of the fresh samples and of everything random in the fit."""
 

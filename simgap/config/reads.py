@@ -28,7 +28,7 @@ _RUN = (
     "domain", "simulator", "twin", "symmetry", "hidden_state", "grid", "gap", "sensing", "synthesis", "validation",
     "audit",
 )  # fmt: skip
-_TOLERATED = ("gap.tolerated_probability", "hidden_state.tolerated_probability")
+_TOLERATED = ("gap.tolerated_probability", "gap.noise", "hidden_state.tolerated_probability")
 _JUDGED = ("synthesis.specification", *_TOLERATED)
 _CHAINS = ("hidden_state.length", "hidden_state.chain_length")
 _WHOLE = ("name", "title", "plant", *_RUN, "measured")
@@ -36,9 +36,9 @@ _WHOLE = ("name", "title", "plant", *_RUN, "measured")
 READS: Mapping[str, tuple[str, ...]] = {
     "check": (*_WHOLE, "budget"),
     "grid": ("name", "plant.states", "plant.inputs", "domain.X", "domain.U", *_PREVIOUS),
-    "rollouts": (*_SIMULATED, "grid.shards", *_HISTORIES),
+    "rollouts": (*_SIMULATED, "grid.shards", "gap.noise", *_HISTORIES),
     "fresh": (*_SIMULATED, "gap.fresh_samples", "gap.seed", "hidden_state"),
-    "borders": (*_SIMULATED, "plant", "gap.seed", "hidden_state"),
+    "borders": (*_SIMULATED, "plant", "gap.seed", "gap.noise", "hidden_state"),
     "calibration": (*_SIMULATED, "gap.conformal.calibration_samples", "gap.conformal.seed", "hidden_state"),
     "scp": (*_MODEL, *_FIT, *_COUNTED, "hidden_state.classes", "simulator.effects", "simulator.urdf"),  # switching
     "lipschitz": (*_MODEL, "gap.seed", *_EXTREME_VALUE, *_COUNTED),

@@ -4,12 +4,35 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar
 
-from pydantic import Field
+import numpy as np
+from pydantic import Field, model_validator
 
-from simgap.config.base import NotNegative, Section
+from simgap.arrays import Floats
+from simgap.config.base import NotNegative, Positive, Section
 from simgap.config.plant import AddedEffect
 from simgap.config.plugged import Plugged
 from simgap.errors import UserError
+
+
+class RandomNumber(Section):
+    """A random number around 0, drawn anew in every sampling time, independent of all others."""
+
+    normal: Positive | None = None
+    """Normally distributed, with this standard deviation, in the unit of what it is added to."""
+    uniform: Positive | None = None
+    """Uniformly distributed, from minus this number to this number."""
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> RandomNumber:
+        if (self.normal is None) == (self.uniform is None):
+            raise ValueError("a random number is either normal or uniform: give one of them")
+        return self
+
+    def draw(self, rng: np.random.Generator, count: int) -> Floats:
+        """(count,) independent draws."""
+        if self.uniform is not None:
+            return rng.uniform(-self.uniform, self.uniform, count)
+        return rng.normal(0.0, self.normal or 0.0, count)
 
 
 class EngineSection(Section):
@@ -27,7 +50,21 @@ class EngineSection(Section):
     timeout: float = Field(60.0, gt=0)
     """Time limit of one call of an engine that is not part of simgap, s; a longer call is ended."""
 
-    OPTIONAL: ClassVar[tuple[str, ...]] = ("timeout",)
+    stochastic: bool = False
+    """The engine itself draws random numbers, such as a Python function that takes `rng`."""
+    noise: dict[str, RandomNumber] = Field(default_factory=dict)
+    """Noise that simgap adds to any engine: by the name of an input, to the command over tau; by the name of a state,
+    to that state after tau."""
+    noise_seed: int = Field(0, ge=0)
+    """Seed of everything that is random in the simulator."""
+
+    NOISE: ClassVar[tuple[str, ...]] = ("stochastic", "noise", "noise_seed")
+    OPTIONAL: ClassVar[tuple[str, ...]] = ("timeout", *NOISE)
+
+    @property
+    def is_random(self) -> bool:
+        """True if two calls from the same state may differ."""
+        return self.stochastic or bool(self.noise)
 
     def between_poses(self, tau: float, gravity: float) -> float:
         """Distance, m, by which a robot may stray from the line between two poses that the engine records within tau.

@@ -246,6 +246,11 @@ def run(case_path: Path, gap: Path, controller_path: Path, out: Path) -> None:
     """
     context = Context.load(case_path)
     with context.blame():
+        if context.case.is_random:
+            raise UserError(
+                "a certificate covers every gap within a bound, and a simulator with noise may leave it",
+                key="simulator.noise", remedy="The closed loop and the audit are what checks this case.",
+            )  # fmt: skip
         sensing = context.case.sensing
         if sensing is not None and (sensing.latency > 0 or any(sensing.error.values())):
             raise _refused("exact sensing")

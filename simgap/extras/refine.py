@@ -24,7 +24,7 @@ from simgap.gap.sampling.points import covering_grid, free_axes, own_point, reme
 from simgap.geometry import Box
 from simgap.plants.context import Context
 from simgap.simulators.process import run_in_processes
-from simgap.simulators.rollouts import roll_out
+from simgap.simulators.rollouts import roll_out_alike
 
 POINTS, LINES = 192, 64
 """Points of a line, and lines along each axis at random places. Judgement: 12,000 roll-outs an axis, a few seconds."""
@@ -173,7 +173,7 @@ def _left(context: Context, moving: list[int], tell: Callable[[str], None], work
     tell(f"{len(x):,} roll-outs on lines through X")
     parts = zip(np.array_split(x, workers), np.array_split(u, workers), strict=True)
     jobs = [(context.case, context.folder, a, b) for a, b in parts]
-    following = np.concatenate([own for own, _ in run_in_processes(roll_out, jobs, workers, None)])
+    following = np.concatenate([own for own, _ in run_in_processes(roll_out_alike, jobs, workers, None)])
     d = following - context.plant.sampled.step(x, u)
     section = context.need(context.case.gap, "gap")
     if not isinstance(section.basis, Blocks) and section.bound == "scenario":

@@ -26,6 +26,7 @@ from simgap.gap.fitting.force_reversal import staircase_height, staircase_tier
 from simgap.gap.lipschitz.grid import DimensionLipschitz
 from simgap.gap.memory.bound import hidden_bound
 from simgap.gap.memory.hidden_state import tolerance_of
+from simgap.gap.noise import statement_of
 from simgap.gap.sampling.borders import (
     CHECK,
     MAKE_BORDERS,
@@ -66,6 +67,11 @@ FINER = (
 WIDER = (
     "A conformal bound leaves out up to gap.conformal.miscoverage of the random samples: lower that, or set "
     "gap.tolerated_probability further above it."
+)
+
+MORE_DRAWS = (
+    "More fresh samples (gap.fresh_samples) confirm a smaller share; if they do not, the quantiles of the noise change "
+    "more between samples than their extremes do: use a finer grid, or a smaller gap.noise.alpha."
 )
 
 
@@ -127,18 +133,26 @@ def gap(context: Context, made: Made) -> Bound:
     x, u, d, _ = gap_ends(step, made.fresh, *both)
     check_drawn(context, x, u)
     check = check_fresh(result.function, x, u, d, section.confidence)
-    tolerate(check, section.tolerated_probability, WIDER if section.bound == "conformal" else FINER)
+    noise = statement_of(context.case, where.size)
+    if noise is not None:
+        tolerate(check, noise.alpha, MORE_DRAWS)
+    else:
+        tolerate(check, section.tolerated_probability, WIDER if section.bound == "conformal" else FINER)
     beside = border_check(context, made.points.name, made.borders, result.function)
     if section.bound != "conformal":
         none_outside(beside)
-    memory = (REMEMBERED,) if made.shards and f"least_{names[0]}" in made.shards[0] else ()
+    memory = (REMEMBERED,) if noise is None and made.shards and f"least_{names[0]}" in made.shards[0] else ()
+    standing = confirmed(result.function.tiers, check)
+    if noise is not None:
+        standing = [Tier(1, noise.of_step), *(tier for tier in result.function.tiers if tier.level != 1)]
     symmetric = (shifts.tier(names),) if shifts is not None else ()
     reversing = (staircase_tier(context, stair),) if stair is not None else ()
-    tiers = [*confirmed(result.function.tiers, check), *memory, *reversing, *symmetric, check.tier, beside.tier]
+    tiers = [*standing, *memory, *reversing, *symmetric, check.tier, beside.tier]
     function = covering_remainder(result.function.with_tiers(tiers), section)
     content = result.to_json() | function.to_json()
     eps = known_radius(made.points.name)
     content |= ({} if eps is None else {"eps": eps}) | {"fresh": asdict(check), "borders": asdict(beside)}
+    content |= {"noise": asdict(noise)} if noise is not None else {}
     if shifts is not None or eps is None:
         moving = [(n, float(h)) for n, h in zip(names, where.moving_half_widths, strict=True) if h > 0]
         content["half_widths"] = dict(moving)

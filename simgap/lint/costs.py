@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from simgap.config.case import Case
 from simgap.config.controller import AuditSection
 from simgap.errors import UserError
+from simgap.gap.noise import draws_at
 from simgap.gap.sampling.borders import checked_at_most, thinned_count
 from simgap.gap.sampling.points import covering_grid, covering_point, free_axes, own_point
 from simgap.gap.thresholds import CHECK_LEVELS, MOST_BORDER_STATES
@@ -32,6 +33,8 @@ BESIDE, JOB = 7.0, 0.25
 """CPU seconds of `check`, `grid`, page and recording together, and of the workflow for each job: a case of 17 jobs."""
 ROLLOUT = 3e-5
 """CPU seconds of an engine's step of a joint plant where the engine was not asked."""
+SEED = 5e-5
+"""CPU seconds of the seed of a step with noise."""
 LOOP = 6e-6
 """CPU seconds of a closed-loop step beside the engine's."""
 FIT, SLOPES, BOUND = 2e-6, 1e-6, 1e-6
@@ -90,7 +93,8 @@ def costs(
         slower: `slowness` of the machine as it is; what was measured has it in it.
     """
     rollout, startup = rollout / slower if rollout else ROLLOUT, START + build / slower
-    found = [*_samples(context, rollout, eps, startup), *_control(context, rollout, startup, pair)]
+    seeded = rollout + (SEED if context.case.is_random else 0.0)
+    found = [*_samples(context, rollout, eps, startup, seeded), *_control(context, seeded, startup, pair)]
     every = [*found, _beside(context, len(found))] if found else []
     return [replace(cost, seconds=slower * cost.seconds) for cost in every]
 
@@ -136,7 +140,7 @@ def affordable(context: Context, found: list[StageCost]) -> None:
             raise UserError(problem, file=context.path, key=cost.key, remedy=remedy)
 
 
-def _samples(context: Context, rollout: float, eps: float | None, startup: float) -> Iterator[StageCost]:
+def _samples(context: Context, rollout: float, eps: float | None, startup: float, seeded: float) -> Iterator[StageCost]:
     case, nx = context.case, len(context.states)
     if case.simulator is None:
         return
@@ -153,11 +157,14 @@ def _samples(context: Context, rollout: float, eps: float | None, startup: float
         count = before * _inputs(case) + hidden.chains * hidden.chain_length
         key, of, shards = "hidden_state.previous", "roll-outs after earlier inputs", 2
     held = BYTES + SAMPLE_BYTES * nx * count
-    yield StageCost("rollouts", count, of, START * shards + count * rollout, BYTES + (held - BYTES) / shards, key)
+    repeated = max(1, draws_at(case, count))
+    words = f"{of}, each of {repeated:,} draws of noise" if case.is_random else of
+    rolled = START * shards + count * repeated * rollout
+    yield StageCost("rollouts", count * repeated, words, rolled, BYTES + (held - BYTES) / shards, key)
     own, checks = ("gap", case.gap) if case.hidden_state is None else ("hidden_state", case.hidden_state)
     if checks is not None:
         more = BYTES + 16.0 * nx * checks.fresh_samples
-        seconds = START + checks.fresh_samples * rollout
+        seconds = START + checks.fresh_samples * seeded
         yield StageCost("fresh", checks.fresh_samples, "fresh samples", seconds, more, f"{own}.fresh_samples")
     if case.hidden_state is None:
         free = free_axes(case)
@@ -166,7 +173,9 @@ def _samples(context: Context, rollout: float, eps: float | None, startup: float
         checked = thinned_count([CHECK_LEVELS] * nx, free, checked_at_most(states.size))
         shifted = case.symmetry.histories * (1 + case.symmetry.headings) if case.symmetry is not None and free else 0
         beside = (fitted + checked + shifted) * _inputs(case)
-        yield StageCost("borders", beside, "samples on borders of X", startup + beside * rollout, 2 * BYTES, key)
+        yield StageCost(
+            "borders", beside, "samples on borders of X", startup + beside * repeated * rollout, 2 * BYTES, key
+        )
     for stage, rate in (("scp", FIT), ("lipschitz", SLOPES), ("gap", BOUND)):
         if case.gap is not None or case.hidden_state is not None:
             attacks = 0 if case.hidden_state is None or stage != "gap" else 2 * case.hidden_state.search

@@ -327,7 +327,11 @@ def ask_engine(case: Case, folder: Path, x: Any, u: Any) -> tuple[Mapping[str, L
         while passed < TRIED or (count < FEWEST and passed < 10 * TRIED):
             rows = np.arange(count, count + size) % len(x)
             own, began, cpu = (x[rows], u[rows]), time.perf_counter(), time.process_time()
-            simulator.rollouts(*own)
+            if case.is_random:
+                simulator.draws = size
+                simulator.spread(own[0][:1], own[1][:1])
+            else:
+                simulator.rollouts(*own)
             cpu, took = time.process_time() - cpu, time.perf_counter() - began
             count, passed, used, least = count + size, passed + took, used + cpu, min(least, took / size)
             size = min(2 * size, TOGETHER) if took < TRIED / 10 else size

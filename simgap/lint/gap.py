@@ -12,6 +12,7 @@ from simgap.effects.commands import DriveEffect
 from simgap.errors import Finding, UserError, placed
 from simgap.gap.bases import Blocks
 from simgap.gap.lipschitz.grid import FEWEST
+from simgap.gap.noise import WANTED, alpha_of_run, draws_at, share, statement_of
 from simgap.gap.sampling.points import covering_grid, free_axes, own_point
 from simgap.late import sympy as sp
 from simgap.plants.context import Context
@@ -55,6 +56,24 @@ def refuse_basis(context: Context) -> None:
         free = free_axes(context.case)
         basis = listed_basis(section.basis, context.states, context.inputs, context.box, free)
         _ = basis.ranges(widened(context.box), context.input_set)
+
+
+def find_noise(context: Context) -> Iterator[Finding]:
+    """What the statement about a simulator with noise costs, and what it says of a run."""
+    case, own = context.case, statement_of(context.case)
+    if own is None or case.grid is None or case.domain is None:
+        return
+    samples = covering_grid(case, context.box, own_point(case)).size * len(context.input_set)
+    draws = draws_at(case, samples)
+    problem = f"the noise is drawn {draws:,} times at each of {samples:,} samples, {draws * samples:,} roll-outs"
+    steps = case.validation.steps if case.validation is not None else 1
+    alpha = alpha_of_run(steps)
+    more = draws_at(case, samples, alpha)
+    yield Finding(
+        "gap.noise", f"{problem}. {own.of_run(steps)[:-1]}",
+        f"gap.noise.alpha: {alpha:g} would make it {share(WANTED)}, by {more:,} draws at each and {more * samples:,} "
+        "roll-outs",
+    )  # fmt: skip
 
 
 _BESIDE, _SAME = 1e-9, 1e-3

@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from simgap.closed_loop import BEYOND
 from simgap.config.controller import Trials
 from simgap.gap.bounds.function import PROVEN
 from simgap.gap.fitting.acceptance import Outside, clopper_pearson_upper
+from simgap.gap.noise import statement_of
 from simgap.io.traces import BASELINE, EVERY_TITLE, GAP_AWARE, MODEL, NOMINAL, shown
 from simgap.notation import number, pretty_unit
 from simgap.report import tables
@@ -34,7 +36,7 @@ ENGINES = {
 }
 INERTIAS = {"engine": "inertia computed by the engine, not the file's", "file": "inertia of the file"}
 
-SAID = ("recordings", "plain", "little", "gap_aware", "nominal", "baseline", "arrival", "winning")
+SAID = ("recordings", "plain", "noise", "little", "gap_aware", "nominal", "baseline", "arrival", "winning")
 """Sentences of the headline, in order."""
 
 
@@ -171,7 +173,11 @@ def verdict(m: Material) -> dict[str, Any]:
     gap_aware = m.tally(GAP_AWARE)
     kept, runs = gap_aware["runs_that_kept_the_specification"], gap_aware["runs"]
     attacked = m.audit["violations"] if m.audit is not None else 0
-    good = kept == runs and gap_aware["steps_outside_gamma"] == 0 and not attacked
+    noise, outside, beyond = statement_of(m.context.case), gap_aware["steps_outside_gamma"], 0
+    if noise is not None:
+        beyond = gap_aware["ends"].get(BEYOND, 0)
+        outside = outside if noise.is_contradicted(gap_aware["steps"], outside) else 0
+    good = kept + beyond == runs and outside == 0 and not attacked
     words = specification_of(m.context.case).words
     little = little_won(tables.promised_steps(m))
     recordings = contradicted(m)
@@ -181,6 +187,7 @@ def verdict(m: Material) -> dict[str, Any]:
         "badge": f"promise kept{only}" if good else "promise broken",
         "recordings": recordings,
         "plain": plain(m),
+        "noise": m.validation.get("noise", ""),
         "tiles": tiles(m),
         "little": little,
         "gap_aware": f"Gap-aware controller: {kept:,} of {runs:,} runs {words.kept}, "

@@ -62,7 +62,11 @@ class Simulator(ABC):
     nu: int
     engine: str
     remembers: bool = False
-    """True if delay or lag of the inputs make the successor depend on earlier commands; `spread` is then its range."""
+    """True if delay or lag of inputs, or noise, give a state more than one successor; `spread` is then its range."""
+    draws: int = 0
+    """How often `spread` draws the noise, the same noise at every state and input; 0: each its own, once."""
+    rng: np.random.Generator
+    """Where a stochastic engine takes all its random numbers from; replaced before every call."""
 
     @abstractmethod
     def reset(self, x: Floats) -> None:
@@ -109,6 +113,8 @@ class Engine(Simulator):
     """The keys of the case's section `simulator`."""
     distributions: ClassVar[tuple[str, ...]] = ()
     """Installed distributions that results depend on, such as ("mujoco",); their versions enter every hash."""
+    stochastic: ClassVar[bool] = False
+    """True if it may draw random numbers, all of them from `self.rng`; the case then says `stochastic: true`."""
     of_a_person: ClassVar[bool] = False
     """True if a built-in engine runs code of a person, which is tried as that of a plug-in is (`simulators.probe`)."""
     file_traits: ClassVar[FileTraits | None] = None

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import ClassVar, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from simgap.arrays import Floats
 from simgap.config.case import Case
@@ -40,6 +40,14 @@ class EquationsSettings(EngineSection):
     engine; for many substeps, whose expressions are too large."""
 
     OPTIONAL: ClassVar[tuple[str, ...]] = (*EngineSection.OPTIONAL, "parameters", "slopes")
+
+    @model_validator(mode="after")
+    def _noise_is_sampled(self) -> EquationsSettings:
+        if self.is_random and self.slopes == "enclosed":
+            raise ValueError(
+                "noise is in no expression, so that its bound is not proven: say slopes: sampled beside it"
+            )
+        return self
 
 
 class EquationsEngine(Engine):

@@ -19,6 +19,7 @@ from simgap.effects import EFFECTS, check_listed, effect
 from simgap.errors import UserError
 from simgap.simulators.base import Engine, PathSimulator, Simulator
 from simgap.simulators.body_samples import REST, BodySamples, joined
+from simgap.simulators.noise import with_noise
 from simgap.simulators.supervision import Supervisor, try_as_map
 
 
@@ -33,10 +34,10 @@ def make_simulator(case: Case, folder: Path) -> Simulator:
     if section is None:
         return simulator
     if section.engine in plugins.BUILT_IN["engines"] and not kind.of_a_person:
-        return simulator
+        return with_noise(simulator, case)
     names, calls = (list(case.plant.states), list(case.plant.inputs)), section.substeps if kind.of_a_person else 1
     Supervisor(simulator, section.engine, names, section.timeout * calls)
-    return try_as_map(simulator, case)
+    return try_as_map(with_noise(simulator, case), case)
 
 
 def closed_form(case: Case, folder: Path) -> tuple[Any, ...] | None:
@@ -75,6 +76,11 @@ def _engine(case: Case, folder: Path) -> type[Engine]:
         raise UserError(
             f"'{section.engine}' is not an engine", key="simulator.engine", remedy="Derive it from simgap's Engine."
         )
+    if section.stochastic and not engine.stochastic:
+        raise UserError(
+            f"the engine '{section.engine}' draws no random numbers of its own", key="simulator.stochastic",
+            remedy="Leave it out; simulator.noise adds noise to the inputs and states of any engine.",
+        )  # fmt: skip
     check_listed(section.effects, "simulator.effects")
     for k, added in enumerate(section.effects):
         if not engine.acts_out(effect(added.name)):
@@ -94,9 +100,16 @@ def roll_out(case: Case, folder: Path, x: Floats, u: Floats) -> tuple[Floats, st
         return simulator.rollouts(x, u), simulator.engine
 
 
-def roll_out_range(case: Case, folder: Path, x: Floats, u: Floats) -> tuple[Floats, Range | None, str]:
-    """`roll_out`, and where delayed or lagged inputs spread the successors their range, two (n, nx)."""
+def roll_out_alike(case: Case, folder: Path, x: Floats, u: Floats) -> tuple[Floats, str]:
+    """`roll_out`, all under the same draw of the noise where there is one: a difference is one of states and inputs."""
+    following, spread, engine = roll_out_range(case, folder, x, u, 1)
+    return spread[0] if case.is_random and spread is not None else following, engine
+
+
+def roll_out_range(case: Case, folder: Path, x: Floats, u: Floats, draws: int = 0) -> tuple[Floats, Range | None, str]:
+    """`roll_out`, and where late inputs or `draws` of noise spread the successors their range, two (n, nx)."""
     with make_simulator(case, folder) as simulator:
+        simulator.draws = draws
         spread = simulator.spread(x, u) if simulator.remembers else None
         return simulator.rollouts(x, u), spread, simulator.engine
 

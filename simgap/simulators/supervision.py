@@ -36,7 +36,7 @@ REMEMBERS = 1e-6
 variable step. Judgement."""
 DECLARE = (
     "Declare its memory: as states of the plant (plant.states), or by hidden_state for a robot in the plane. "
-    "Fix its seeds."
+    "Fix its seeds. If it is to be random: simulator.stochastic: true, and draw from the `rng` that it then gets."
 )
 
 

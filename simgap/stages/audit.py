@@ -33,6 +33,7 @@ from simgap.errors import BrokenPromise
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapFunction
 from simgap.gap.bounds.load import from_json
+from simgap.gap.noise import NoiseStatement, statement_of
 from simgap.gap.sampling.samples import motion_of
 from simgap.geometry import Grid
 from simgap.io.arrays_on_disk import Mapped, scratch_folder
@@ -257,7 +258,8 @@ def run(
     loops = {name: Campaign.joined([own[name] for _, own in parts]) for name in (SIMULATOR, DISTURBANCE)}
     record = context.record("audit", {"audit": section.seed}, CONTROLLED)
     witnesses = _witnesses(context, found, loops)
-    content = counts(found, loops, context.states) | {"margins": summary(context, margins), "provenance": record}
+    noise = statement_of(context.case)
+    content = counts(found, loops, context.states, noise) | {"margins": summary(context, margins), "provenance": record}
     if isinstance(margins, str):
         content |= {"no_margins": margins}
     for number, witness in enumerate(one_of_each_kind(witnesses), 1):
@@ -265,7 +267,8 @@ def run(
     _write_margins(context, margins, out.margins, record)
     write_json(out.counts, content | {"witnesses": [w.what for w in witnesses]})
     log.info("%s", _summary(content))
-    if loops[DISTURBANCE].violations or (content["violations"] and not tolerated_share(context.case)):
+    tolerated = noise is None and tolerated_share(context.case) > 0
+    if loops[DISTURBANCE].violations or (content["violations"] and not tolerated):
         raise BrokenPromise(
             f"the adversary broke it: {_summary(content)}; the first: {witnesses[0].what}",
             f"`simgap replay {out.witness}` shows it{_beside(witnesses)}. {_remedy(found)}",
@@ -312,13 +315,21 @@ def _known(context: Context, bound: SavedGap, inputs: AuditFiles) -> tuple[Any, 
     return (worst_histories(context, bound.function, motion_of(context), tables, hidden.length),)
 
 
-def counts(found: SearchRecord, loops: Mapping[str, Campaign], states: Sequence[str]) -> dict[str, Any]:
-    """Counts of what was tried and found, as plain data."""
-    worst = found.worst
+def counts(
+    found: SearchRecord, loops: Mapping[str, Campaign], states: Sequence[str], noise: NoiseStatement | None = None
+) -> dict[str, Any]:
+    """Counts of what was tried and found, as plain data; steps outside gamma that `noise` leaves out are no violations.
+
+    Every step has noise of its own: the share outside is one of independent steps, whatever the adversary chose.
+    """
+    worst, broken = found.worst, found.violations
+    outside, steps = loops[SIMULATOR].outside_gamma, loops[SIMULATOR].steps
+    if noise is not None and not noise.is_contradicted(found.evaluations + steps, broken + outside):
+        broken = 0
     return {
         "evaluations": found.evaluations,
         "steps": loops[SIMULATOR].steps,
-        "violations": found.violations + sum(loop.violations for loop in loops.values()),
+        "violations": broken + sum(loop.violations for loop in loops.values()),
         "gap": {
             "violations": found.violations,
             "evaluations_by_search": found.by,

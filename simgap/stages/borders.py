@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from simgap.gap.noise import draws_at
 from simgap.gap.sampling.borders import border_states, parts_of, roll_out_borders
-from simgap.gap.sampling.points import own_point
+from simgap.gap.sampling.points import covering_grid, own_point
 from simgap.plants.context import Context
 from simgap.simulators.process import run_in_processes
 from simgap.stages import log
@@ -23,7 +24,8 @@ def run(case_path: CasePath, point: Point, out: Out, engine_log: Path | None = N
     with context.blame():
         name = point or own_point(context.case)
         states = {part: border_states(context, name, part).x for part in parts_of(context)}
-        job = (context.case, context.folder, states, context.input_set)
+        places = covering_grid(context.case, context.box, name).size * len(context.input_set)
+        job = (context.case, context.folder, states, context.input_set, draws_at(context.case, places))
         ((columns, engine),) = run_in_processes(roll_out_borders, [job], log=engine_log)
     section = context.need(context.case.gap, "gap")
     write_rollouts(context, out, "borders", columns, engine, {"lattice": section.seed}, point=name)

@@ -8,6 +8,7 @@ from typing import Annotated
 from simgap.config.case import Case
 from simgap.errors import UserError
 from simgap.gap.memory.histories import history_shard
+from simgap.gap.noise import draws_at
 from simgap.gap.sampling.points import Columns, Points, cut, product, remembers, shard_count, successor_columns
 from simgap.plants.context import Context
 from simgap.simulators.process import run_in_processes
@@ -52,5 +53,6 @@ def roll_out_shard(case: Case, folder: Path, points: Points, shard: int, shards:
     if remembers(case):
         return history_shard(case, folder, points, shard, shards)
     x, u = product(points.states[cut(len(points.states), shard, shards)], points.inputs)
-    following, spread, engine = roll_out_range(case, folder, x, u)
+    draws = draws_at(case, len(points.states) * len(points.inputs))
+    following, spread, engine = roll_out_range(case, folder, x, u, draws)
     return successor_columns(case, x, u, following, spread), engine

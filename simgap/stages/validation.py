@@ -11,11 +11,12 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 from simgap.arrays import Floats, Ints
-from simgap.closed_loop import Judge, Policy, Sensing, batch_loop, closed_loop
+from simgap.closed_loop import BEYOND, Judge, Policy, Sensing, batch_loop, closed_loop
 from simgap.config.case import Case
 from simgap.config.controller import Trials, ValidationSection
 from simgap.config.reads import CONTROLLED
 from simgap.errors import BrokenPromise, UserError
+from simgap.gap.noise import NoiseStatement, statement_of
 from simgap.geometry import drawn_in_cells
 from simgap.io.arrays_on_disk import Mapped, scratch_folder
 from simgap.io.controller_file import load_controller_of
@@ -62,6 +63,7 @@ def run(
     with context.blame():
         model, gap = context.plant.sampled, load_gap(gap_path, context).function
         specification, space = specification_of(context.case), Space.of(context.case)
+    noise = statement_of(context.case)
     names, tolerated = (context.states, context.inputs, context.units), tolerated_share(context.case)
     record = context.record("validation", {"starts": section.seed}, CONTROLLED)
     tallies: dict[str, dict[str, Any]] = {}
@@ -80,7 +82,7 @@ def run(
             with context.blame():
                 monitor = specification.monitor(space, controller.solution)
             judge = Judge(space, monitor, section.steps, controller.input_set, model, gap)
-            proven = replace(judge, certificate=controller.solution, tolerant=tolerated > 0)
+            proven = replace(judge, certificate=controller.solution, tolerant=tolerated > 0, noisy=noise is not None)
             on_model = batch_loop(model.step, controller, begin[kind].x, section.steps, monitor)
             for plant, runs in ((SIMULATOR, _simulated(jobs[kind], len(begin[kind].x))), (MODEL, on_model)):
                 own = proven if (kind, plant) == (GAP_AWARE, SIMULATOR) else judge
@@ -93,28 +95,33 @@ def run(
                     parts += [to_table(trace_of(judge, about, k, v), *names, about, record) for k, v in kept.items()]
     write_parquet(traces, pa.concat_tables(parts).unify_dictionaries())
     counts = {"trials": trials.value, "starts": section.count(trials), "steps": section.steps}
-    write_json(out, counts | {"controllers": tallies, "provenance": record})
-    keep_promise(tallies[GAP_AWARE][SIMULATOR], tolerated)
+    said = {"noise": noise.of_run(section.steps)} if noise is not None else {}
+    write_json(out, counts | {"controllers": tallies, **said, "provenance": record})
+    keep_promise(tallies[GAP_AWARE][SIMULATOR], tolerated, noise)
 
 
 def tolerated_share(case: Case) -> float:
     """The share of steps that may leave gamma: what the check of the bound on fresh samples was checked against."""
+    if case.is_random and case.gap is not None:
+        return case.gap.noise.alpha
     section = case.hidden_state if case.hidden_state is not None else case.gap
     return section.tolerated_probability if section is not None else 0.0
 
 
-def keep_promise(tally: dict[str, Any], tolerated: float = 0.0) -> None:
+def keep_promise(tally: dict[str, Any], tolerated: float = 0.0, noise: NoiseStatement | None = None) -> None:
     """The gap-aware controller in the simulator must not violate anything; `tolerated` is the share of steps that may
-    leave gamma where the case's bound promises no more.
+    leave gamma where the case's bound promises no more. With noise, a run may fail after such a step.
 
     Raises:
         BrokenPromise: with the counts.
     """
     bad, outside = tally["runs_that_violated_it"], tally["steps_outside_gamma"]
-    if bad or outside > tolerated * tally["steps"]:
+    steps = tally["steps"]
+    bad -= tally["ends"].get(BEYOND, 0) if noise is not None else 0
+    if bad or (noise.is_contradicted(steps, outside) if noise is not None else outside > tolerated * steps):
         raise BrokenPromise(
             f"the gap-aware controller broke its promise: {bad} of {tally['runs']} runs violate the specification "
-            f"or leave what is certified, {outside} of {tally['steps']} steps are outside gamma",
+            f"or leave what is certified, {outside} of {steps} steps are outside gamma",
             "The gap bound does not cover the simulator: look at the tiers in gap.json, use a smaller eps.",
         )
 

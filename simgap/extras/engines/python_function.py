@@ -32,7 +32,8 @@ class PythonSettings(EngineSection):
     """Name of the engine."""
     function: str
     """file.py:name of a function in a file beside the case: name(x, u, tau) with arrays (states,) and (inputs,) in the
-    order and units of the case gives the state after tau seconds."""
+    order and units of the case gives the state after tau seconds. With `stochastic: true` it also takes `rng`, a NumPy
+    generator from which all its random numbers come."""
     batch: bool = False
     """Whether the function takes many states at once: arrays (n, states) and (n, inputs), result (n, states)."""
     parameters: dict[str, float] = Field(default_factory=dict)
@@ -40,7 +41,7 @@ class PythonSettings(EngineSection):
     timeout: float = Field(10.0, gt=0)
     """Longest time of one call, s; a call that takes longer is ended."""
 
-    OPTIONAL: ClassVar[tuple[str, ...]] = ()
+    OPTIONAL: ClassVar[tuple[str, ...]] = EngineSection.NOISE
 
     @field_validator("function")
     @classmethod
@@ -64,12 +65,14 @@ class PythonEngine(Engine):
     Settings = PythonSettings
     engine = "python function"
     of_a_person = True
+    stochastic = True
 
     def __init__(self, file: FunctionFile, case: Case, section: PythonSettings, tau: float) -> None:
         """Import the file in this process, which is the engine's own."""
         self._file, self._names = file, (list(case.plant.states), list(case.plant.inputs))
         self.nx, self.nu = len(self._names[0]), len(self._names[1])
         self._tau, self._substeps, self._parameters = tau, section.substeps, dict(section.parameters)
+        self._is_random = section.stochastic
         try:
             self._function = bounded("while the function's file is imported", STARTING, lambda: imported(file))
         except Exception as error:
@@ -103,8 +106,9 @@ class PythonEngine(Engine):
         return self._x.copy()
 
     def _called(self, x: Floats, u: Floats) -> Floats:
+        given: dict[str, Any] = self._parameters | ({"rng": self.rng} if self._is_random else {})
         try:
-            result = self._function(x.copy(), u.copy(), self._tau, **self._parameters)
+            result = self._function(x.copy(), u.copy(), self._tau, **given)
         except Exception as error:
             line = _line(error, str(self._file.path))
             raise self._fault(f"fails: {type(error).__name__}: {excerpt(str(error))}{line}", x, u) from None

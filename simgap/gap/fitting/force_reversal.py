@@ -24,7 +24,7 @@ from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
 from simgap.plants.context import Context
 from simgap.simulators.process import run_in_processes
-from simgap.simulators.rollouts import roll_out
+from simgap.simulators.rollouts import roll_out_alike
 
 LINES, POINTS, LENGTH = 320, 64, 0.004
 """Lines along each speed, points on each, and their length as a share of X. On a cart with a pole a stair is .001 to
@@ -54,7 +54,7 @@ def staircase_height(context: Context) -> Floats | None:
         if not box.lo[j] < 0.0 < box.hi[j]:
             continue
         x, u = _lines(context, j, rng)
-        ((following, _),) = run_in_processes(roll_out, [(context.case, context.folder, x, u)], 1, None)
+        ((following, _),) = run_in_processes(roll_out_alike, [(context.case, context.folder, x, u)], 1, None)
         gap = (following - context.plant.sampled.step(x, u)).reshape(LINES, POINTS, -1)
         height = np.maximum(height, stair(gap, x[:, j].reshape(LINES, POINTS)))
     height = np.where(known.any() | (height > NOTHING * (box.hi - box.lo)), height, 0.0)

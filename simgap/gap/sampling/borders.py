@@ -373,10 +373,15 @@ def border_gaps(context: Context, rolled: Columns, part: str, own: Borders) -> t
     return gap_ends(context.plant.sampled.step, mine, context.states, context.inputs)
 
 
-def roll_out_borders(case: Case, folder: Path, states: dict[str, Floats], inputs: Floats) -> tuple[Columns, str]:
-    """Roll out each part's states (n, nx) with all inputs (M, nu), in the engine's process: the table, the engine."""
+def roll_out_borders(
+    case: Case, folder: Path, states: dict[str, Floats], inputs: Floats, draws: int = 0
+) -> tuple[Columns, str]:
+    """Roll out each part's states (n, nx) with all inputs (M, nu), in the engine's process: the table, the engine.
+
+    `draws` are of the noise, if there is some.
+    """
     x, u = product(np.concatenate(list(states.values())), inputs)
-    following, spread, engine = roll_out_range(case, folder, x, u)
+    following, spread, engine = roll_out_range(case, folder, x, u, draws)
     return border_columns(case, states, inputs, following, spread), engine
 
 
