@@ -320,12 +320,13 @@ def counts(
 ) -> dict[str, Any]:
     """Counts of what was tried and found, as plain data; steps outside gamma that `noise` leaves out are no violations.
 
-    Every step has noise of its own: the share outside is one of independent steps, whatever the adversary chose.
+    With noise the share outside is judged in closed loop. A search returns to states that drew badly, with the same
+    draw, so that its share says nothing of chance; fresh samples judge single steps.
     """
     worst, broken = found.worst, found.violations
     outside, steps = loops[SIMULATOR].outside_gamma, loops[SIMULATOR].steps
-    if noise is not None and not noise.is_contradicted(found.evaluations + steps, broken + outside):
-        broken = 0
+    if noise is not None:
+        broken = outside if noise.is_contradicted(steps, outside) else 0
     return {
         "evaluations": found.evaluations,
         "steps": loops[SIMULATOR].steps,

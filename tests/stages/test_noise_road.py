@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 import yaml
 
+from simgap.attack.campaign import Campaign
+from simgap.attack.witness import DISTURBANCE, SIMULATOR
+from simgap.attack.worst_step import SearchRecord
 from simgap.errors import BrokenPromise, UserError
 from simgap.extras import certify
+from simgap.gap.noise import NoiseStatement
 from simgap.io.results import read_parquet
 from simgap.plants.context import Context
 from simgap.stages import audit, fresh, synthesis, validation
@@ -98,3 +102,16 @@ def test_another_seed_gives_another_bound_and_the_same_one_the_same(tmp_path):
         texts.append((tmp_path / f"{k}" / "gap.json").read_text())
     assert texts[0] == texts[1]
     assert json.loads(texts[0])["dimensions"] != json.loads(texts[2])["dimensions"]
+
+
+def test_the_adversary_judges_the_share_outside_in_closed_loop_alone():
+    noise = NoiseStatement(0.01, 0.99, 0, 0)
+    search = SearchRecord(evaluations=100, violations=50)
+
+    def violations(outside, noise):
+        loops = {SIMULATOR: Campaign(steps=1000, outside_gamma=outside), DISTURBANCE: Campaign(violations=2)}
+        return audit.counts(search, loops, ["v"], noise)["violations"]
+
+    assert violations(5, noise) == 2
+    assert violations(30, noise) == 32
+    assert violations(5, None) == 52
