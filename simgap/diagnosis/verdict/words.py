@@ -146,7 +146,7 @@ def _remainder(document: Document) -> str:
     elif document.get("at_most"):
         why = f" with {document['at_most']} effects, as many as were sought: allow more by measured.max_effects"
     else:
-        why = " that nothing in the library explains"
+        why = " for which no explanation in the library was found"
     return f"{left}{why}{covered}."
 
 

@@ -99,8 +99,8 @@ class SaturatedReading(_LostReadings):
     """
 
     name = "saturated_reading"
-    remedy = "Choose a wider range for the sensor of {}, or a smaller motion."
-    what = "are at the limit of the sensor"
+    remedy = "If it did not rest there: choose a wider range for the sensor of {}, or a smaller motion."
+    what = "stand at its extreme, at the limit of the sensor or at rest there"
 
     def lost(self, record: Record, k: int, quantum: float) -> list[Bools]:
         """Readings at an extreme over all traces, where so many in a row are as noise would not leave there."""
