@@ -316,7 +316,7 @@ def test_what_an_engine_costs_is_not_what_a_busy_machine_makes_of_it(monkeypatch
                 self.calls += 1
 
     monkeypatch.setattr("simgap.simulators.rollouts.make_simulator", lambda case, folder: Slow())
-    _, seconds = engine.ask_engine(None, None, np.zeros((3, 2)), np.zeros((3, 1)))
+    _, seconds = engine.ask_engine(SimpleNamespace(is_random=False), None, np.zeros((3, 2)), np.zeros((3, 1)))
     assert least <= seconds < most
 
 
@@ -330,7 +330,7 @@ def test_what_an_engine_costs_is_that_of_many_rollouts_at_once(monkeypatch):
                 pass
 
     monkeypatch.setattr("simgap.simulators.rollouts.make_simulator", lambda case, folder: Vectorised())
-    _, seconds = engine.ask_engine(None, None, np.zeros((3, 2)), np.zeros((3, 1)))
+    _, seconds = engine.ask_engine(SimpleNamespace(is_random=False), None, np.zeros((3, 2)), np.zeros((3, 1)))
     assert seconds < 2e-5
 
 
