@@ -11,7 +11,7 @@ from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.record.faults.registry import READINGS, mended
 from simgap.diagnosis.record.folds import Windows, split_windows
 from simgap.diagnosis.record.noise import noise_floor
-from simgap.diagnosis.record.record import Record, Trace
+from simgap.diagnosis.record.record import Record, Trace, runs
 from simgap.diagnosis.record.survey import survey
 from simgap.diagnosis.search.confidence import at_noise
 from simgap.diagnosis.search.watch import Watch
@@ -176,6 +176,24 @@ def test_an_encoder_that_rests_at_its_ends_is_not_saturated():
     t = np.arange(4000) / 200.0
     moved = 0.05 * np.clip(1.3 * np.sin(2 * np.pi * 0.4 * t), -1.0, 1.0)
     assert _repaired(_of(t, np.round(moved / 5e-4) * 5e-4))[1] == ()
+
+
+def test_a_shaft_that_friction_stops_at_its_farthest_is_not_saturated():
+    """It stays longest at the ends of its way; stamps jitter, so that its counts flicker while it turns, and then not."""
+    rng, (x, v), way = np.random.default_rng(46), (0.0, 0.0), []
+    pushes = ((2.0, 200), (0.0, 350), (-3.0, 260), (0.0, 700), (2.5, 180), (0.0, 330), (-1.5, 90), (0.0, 100))
+    for torque, samples in pushes:
+        for _ in range(4 * samples):
+            rubs = 1.0 if v > 0.0 else -1.0 if v < 0.0 else float(np.clip(torque, -1.0, 1.0))
+            faster = v + (torque - rubs) / 800.0
+            v = 0.0 if v * faster < 0.0 and abs(torque) <= 1.0 else faster
+            x += v / 800.0
+            way.append(x)
+    t = np.arange(len(way) // 4) / 200.0
+    late = np.clip(t + rng.uniform(-2e-3, 2e-3, t.size), 0.0, None)
+    counts = np.round(np.interp(late, np.arange(len(way)) / 800.0, way) / 2e-3) * 2e-3
+    assert max(b - a for a, b in runs(counts == counts.min())) > 100
+    assert _repaired(_of(t, counts))[1] == ()
 
 
 def test_rows_are_missed_under_jittering_stamps_too():

@@ -33,6 +33,8 @@ from simgap.diagnosis.thresholds import (
 from simgap.model.symbolic import SymbolicModel
 
 _ENOUGH = 50_000  # readings for a median
+_COUNTS = 16  # counts before an extreme by which a motion shows whether it slows down
+_STOPS = 0.4  # between the quarter of a motion that is stopped and the half of one that is cut off
 _EDGE = 2  # samples within which an end of a range stops a motion that turns within so many half as far
 _LONGEST = 4  # samples from one fresh count to the next across stale ones
 _AROUND = 7  # changes whose median is the motion's own
@@ -95,7 +97,8 @@ class SaturatedReading(_LostReadings):
     """A reading stands at its largest or smallest value, the limit of its sensor.
 
     Detected: three readings in a row equal an extreme of the channel, of an encoder more than its noise would leave
-    there or where the motion stops and starts too abruptly to turn round; excluded from the error.
+    there after a motion that did not slow down, or where the motion stops and starts too abruptly to turn round;
+    excluded from the error.
     """
 
     name = "saturated_reading"
@@ -106,20 +109,40 @@ class SaturatedReading(_LostReadings):
         """Readings at an extreme over all traces, where so many in a row are as noise would not leave there."""
         columns = [trace.y[:, k] for trace in record.traces]
         low, high = min(float(y.min()) for y in columns), max(float(y.max()) for y in columns)
-        usual, repeats, rest = _turning(columns), 0.0, 0
+        usual, repeats = _turning(columns), 0.0
         if quantum > 0.0:
             flicker = min(
                 white_noise(record, k, quantum), *(_scatter(trace.t, trace.y[:, k]) for trace in record.traces)
             )
             repeats = math.erf(0.5 * quantum / max(math.sqrt(2.0) * flicker, 1e-300))
-            rest = max(b - a for y in columns for a, b in runs(_repeated(y) & (y > low) & (y < high)) or [(0, 0)])
         out = [np.zeros(len(y), dtype=bool) for y in columns]
         for end in (low, high) if low < high else ():
             held = [(y, a, b) for y in columns for a, b in runs(y == end) if b - a >= SEVERAL]
-            # where it also rests elsewhere for so long, it rests
-            if any((b - a > rest and repeats ** (b - a) < BY_CHANCE) or _cut_off(y, a, b, usual) for y, a, b in held):
+            # what slows down to its extreme, or speeds up from there, rests
+            if any(
+                (repeats ** (b - a) < BY_CHANCE and _meets(y, a, b, quantum)) or _cut_off(y, a, b, usual)
+                for y, a, b in held
+            ):
                 out = [mask | (y == end) for mask, y in zip(out, columns, strict=True)]
         return out
+
+
+def _meets(y: Floats, a: int, b: int, quantum: float) -> bool:
+    """Whether a motion comes to its extreme over [a, b), or leaves it, at its speed: as one that is cut off does.
+
+    Of the last `_COUNTS` counts of the way, half are gone in half of the time at a constant speed, a quarter in the last
+    half of it where a constant force stops the motion.
+    """
+    return any(_last_half(side, quantum) > _STOPS for side in (y[a::-1], y[b - 1 :]))
+
+
+def _last_half(way: Floats, quantum: float) -> float:
+    """Share of the first `_COUNTS` counts along a way (from its end) that is gone in half of their time; 0 without."""
+    gone = np.abs(way - way[0])
+    far = np.flatnonzero(gone >= _COUNTS * quantum)
+    if not far.size or far[0] < 2:
+        return float(far.size > 0)
+    return float(gone[far[0] // 2] / gone[far[0]])
 
 
 def _cut_off(y: Floats, a: int, b: int, usual: float) -> bool:
