@@ -179,7 +179,7 @@ def test_an_encoder_that_rests_at_its_ends_is_not_saturated():
 
 
 def test_a_shaft_that_friction_stops_at_its_farthest_is_not_saturated():
-    """It stays longest at the ends of its way; stamps jitter, so that its counts flicker while it turns, and then not."""
+    """It stays longest at the ends of its way; stamps jitter, so that its counts flicker in motion, and then not."""
     rng, (x, v), way = np.random.default_rng(46), (0.0, 0.0), []
     pushes = ((2.0, 200), (0.0, 350), (-3.0, 260), (0.0, 700), (2.5, 180), (0.0, 330), (-1.5, 90), (0.0, 100))
     for torque, samples in pushes:

@@ -130,8 +130,8 @@ class SaturatedReading(_LostReadings):
 def _meets(y: Floats, a: int, b: int, quantum: float) -> bool:
     """Whether a motion comes to its extreme over [a, b), or leaves it, at its speed: as one that is cut off does.
 
-    Of the last `_COUNTS` counts of the way, half are gone in half of the time at a constant speed, a quarter in the last
-    half of it where a constant force stops the motion.
+    Of the last `_COUNTS` counts of the way, half are gone in half of the time at a constant speed, a quarter in the
+    last half of it where a constant force stops the motion.
     """
     return any(_last_half(side, quantum) > _STOPS for side in (y[a::-1], y[b - 1 :]))
 
