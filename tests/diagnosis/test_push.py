@@ -151,9 +151,8 @@ def test_a_search_that_is_stopped_tells_of_no_push(monkeypatch):
 def test_the_sentence_says_why_a_push_may_be_a_stop():
     size = {"value": 0.6, "ci95": [0.59, 0.61], "unit": "N"}
     effect = {"name": "coulomb_friction", "on": "slide", "parameters": {"F_c": size}}
-    text = " ".join(
-        verdict_parts({"verdict": "partial", "effects": [effect], "explained_share": 1.0, "unconfirmed": ["q"]})
-    )
+    about = {"explained_share": 1.0, "unconfirmed": ["q"], "error": {"after": {"horizon_rmse": {}, "horizon_s": 0.0}}}
+    text = " ".join(verdict_parts({"verdict": "partial", "effects": [effect], **about}))
     assert "where gross errors begin q goes further than in other data" in text
     assert "is left" not in text
 
