@@ -246,6 +246,7 @@ def sweep(
 
 
 TEMPLATE = "no_controller.html.j2"
+INDEX = "index.html"
 EMPTY = "empty.json"
 """Beside the summary of a synthesis that won nothing: why."""
 _CONTROLLED = ("validation", "audit", "report")
@@ -325,6 +326,11 @@ def write_failed(failed: Sequence[Failure], words: Mapping[str, str], folder: Pa
         said = [words[str(results)]] if words.get(str(results)) else []
         controlled = all(f.rule in _CONTROLLED for f in why)
         write_page(folder / results, [f.told or str(f) for f in why] + said, bounded, controlled)
+    from simgap.stages.index import run as write_index
+
+    for root in {folder / results.parent for results in own}:
+        if (root / INDEX).is_file():  # it would say of these cases what an earlier run was worth
+            write_index([], root / INDEX, sorted(root.glob("*/summary.json")))
     return [results / NO_CONTROLLER for results in own]
 
 
@@ -343,7 +349,7 @@ def write_page(results: Path, reasons: Sequence[str], bounded: bool, controlled:
     bound = _read(gaps[-1]).get("dimensions", []) if gaps else []
     title += ": run not complete" if controlled else ": no controller"
     write_text(page, render(TEMPLATE, title=title, reasons=reasons, bound=bound, empty=[e for e in empty if e]))
-    for earlier in ("report.html", "summary.json"):
+    for earlier in ("report.html", "summary.json", *(() if controlled else ("first/report.html",))):
         (results / earlier).unlink(missing_ok=True)
     return page
 

@@ -40,6 +40,9 @@ def refuse_specification(context: Context) -> None:
     if len(section.cells) != region.size:
         problem = f"{len(section.cells)} cell counts for {region.size} states"
         raise UserError(problem, key="synthesis.cells", remedy="Give one for each state, in order.")
+    space = Space.of(case)
+    error = space.vector(case.sensing.error if case.sensing is not None else {})
+    specification.fit(space, space.grid(region, section.cells), error)
     if case.validation is not None and case.validation.fair_baseline:
         path_aware_baseline(context)
     late = case.sensing is not None and case.sensing.latency > 0

@@ -158,9 +158,10 @@ def _samples(context: Context, rollout: float, eps: float | None, startup: float
         key, of, shards = "hidden_state.previous", "roll-outs after earlier inputs", 2
     held = BYTES + SAMPLE_BYTES * nx * count
     repeated = max(1, draws_at(case, count))
-    words = f"{of}, each of {repeated:,} draws of noise" if case.is_random else of
+    words = f"draws of noise, {repeated:,} at each of {count:,} {of}" if case.is_random else of
     rolled = START * shards + count * repeated * rollout
-    yield StageCost("rollouts", count * repeated, words, rolled, BYTES + (held - BYTES) / shards, key)
+    key_of = "gap.noise.alpha" if case.is_random else key
+    yield StageCost("rollouts", count * repeated, words, rolled, BYTES + (held - BYTES) / shards, key_of)
     own, checks = ("gap", case.gap) if case.hidden_state is None else ("hidden_state", case.hidden_state)
     if checks is not None:
         more = BYTES + 16.0 * nx * checks.fresh_samples

@@ -277,6 +277,13 @@ class Specification(Section, ABC):
             UserError: a specification that does not fit the states or X.
         """
 
+    def fit(self, space: Space, grid: Grid, error: Floats) -> None:
+        """Refuse what these cells, with a measurement error (nx,), cannot express, before anything is rolled out.
+
+        Raises:
+            UserError: as `solve` would.
+        """
+
     @abstractmethod
     def solve(self, game: Game) -> Solution:
         """The winning domain and all admissible inputs.

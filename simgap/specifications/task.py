@@ -144,41 +144,51 @@ class Task(Arena):
 
     def solve(self, game: Game) -> Solution:
         """The product of the game with the automaton of the formula."""
-        grid, space = game.grid, game.space
+        automaton, letters = self._letters(game.space, game.grid, game.error)
+        return solve(game, automaton, letters, self.free(game.space, game.grid, game.stray + game.error))
+
+    def fit(self, space: Space, grid: Grid, error: Floats) -> None:
+        """Refuse regions that hold no cell, and a formula that no way through them keeps."""
+        self._letters(space, grid, error)
+
+    def _letters(self, space: Space, grid: Grid, error: Floats) -> tuple[Automaton, Ints]:
+        """The formula's automaton over the letters that cells have, and the number of each cell's, (cells,)."""
         sure, formula = {}, self._read(space)
         for name in sorted(regions(formula)):
-            inside, meeting = zip(*(self._cells(game, name, part) for part in self.regions[name]), strict=True)
+            inside, meeting = zip(
+                *(self._cells(space, grid, error, name, part) for part in self.regions[name]), strict=True
+            )
             sure[name, True] = np.any(inside, axis=0)
             sure[name, False] = ~np.any(meeting, axis=0)
             if not sure[name, True].any() and ("in", name, True) in literals(formula):
+                widths = ", ".join(f"{s} {2.0 * h:.4g}" for s, h in zip(space.states, grid.h, strict=True))
+                less = "; the measurement error is taken off it" if error.any() else ""
                 raise UserError(
-                    "no cell fits into the region", key=f"{KEY}.regions.{name}",
-                    remedy="Use finer cells (synthesis.cells) or a larger region; a measurement error is taken off it.",
+                    f"no cell fits into the region (they are wide: {widths})", key=f"{KEY}.regions.{name}",
+                    remedy=f"Move it into the arena, use finer cells (synthesis.cells) or a larger region{less}.",
                 )  # fmt: skip
         codes = sum((flags.astype(np.int64) << k for k, flags in enumerate(sure.values())), np.zeros(grid.size, int))
         present, letters = np.unique(codes, return_inverse=True)
         words = (frozenset(itertools.compress(sure, (code >> k & 1 for k in range(len(sure))))) for code in present)
-        free = self.free(space, grid, game.stray + game.error)
         automaton = self._automaton(space, tuple(words))
         if not automaton.possible:
             raise UserError(
                 "no way through the regions keeps the formula, whatever the plant does", key=f"{KEY}.formula",
-                remedy="See which regions overlap: no cell is inside two that do not, nor inside of one and outside.",
+                remedy="Regions that nowhere overlap cannot be asked for at once, nor one and its complement.",
             )  # fmt: skip
-        return solve(game, automaton, letters.reshape(-1), free)
+        return automaton, letters.reshape(-1)
 
-    def _cells(self, game: Game, name: str, part: Region) -> tuple[Bools, Bools]:
+    def _cells(self, space: Space, grid: Grid, error: Floats, name: str, part: Region) -> tuple[Bools, Bools]:
         """Cells that lie in a region for sure, and cells that may meet it, whatever the measurement error."""
-        space, error = game.space, game.error
         if isinstance(part, str):
-            lo, hi = enclosed(inequality(part, space, name), space, game.grid, error)
+            lo, hi = enclosed(inequality(part, space, name), space, grid, error)
             return hi <= 0.0, lo <= 0.0
         box = partial_box(part, space.states)
         lo, hi = box.lo + error, box.hi - error
-        none = np.zeros(game.grid.size, np.bool_)
-        within = cells_within(game.grid, Box(lo, hi)) if np.all(lo < hi) else none
-        touching = 2.0 * SHRINK * 2.0 * game.grid.h  # a face that lies on the region's is met: both hold it
-        return within, cells_meeting(game.grid, grown(box, error + touching))
+        none = np.zeros(grid.size, np.bool_)
+        within = cells_within(grid, Box(lo, hi)) if np.all(lo < hi) else none
+        touching = 2.0 * SHRINK * 2.0 * grid.h  # a face that lies on the region's is met: both hold it
+        return within, cells_meeting(grid, grown(box, error + touching))
 
     def monitor(self, space: Space, solution: Solution) -> Monitor:
         """Monitor of the formula on the true states, and of touching nothing."""

@@ -69,7 +69,7 @@ def margins_of(context: Context, gap: GapFunction, solution: Solution) -> Margin
     if needed > LARGEST_TABLES:
         return f"Counting how far each of {sets} sets of cells reaches would take {needed / 1e9:.1f} GB."
     if solution.progress is not None:
-        return "The margins of a task are not counted: what it has come to is part of them."
+        return "Margins are not counted for a task."
     blurred = bool(error.any()) or solution.late
     if blurred and specification_of(context.case).on_true_cells:
         return _of_true_cells(context, gap, solution, error)

@@ -248,13 +248,7 @@ def test_cells_of_inequalities_are_sure_on_both_sides():
     space = Space(("a", "b"), Box([-2.0, -2.0], [2.0, 2.0]), ())
     grid = space.grid(space.box, (23, 31))
 
-    class Cells:
-        pass
-
-    game = Cells()
-    game.space, game.grid = space, grid
     for error in (np.zeros(2), np.array([0.05, 0.0])):
-        game.error = error
         for text_of, truth in (
             ("a^2 + b^2 <= 1", lambda x: x[:, 0] ** 2 + x[:, 1] ** 2 <= 1),
             ("a + b >= 0.5", lambda x: x.sum(axis=1) >= 0.5),
@@ -264,7 +258,7 @@ def test_cells_of_inequalities_are_sure_on_both_sides():
             ("log(a) <= -1", lambda x: (x[:, 0] >= 0) & (x[:, 0] <= np.exp(-1.0))),
         ):
             task = Task(kind="task", formula="F r", regions={"r": text_of})
-            within, meeting = task._cells(game, "r", text_of)
+            within, meeting = task._cells(space, grid, error, "r", text_of)
             x = rng.uniform(-2, 2, (200_000, 2))
             seen = np.clip(x + error * np.sign(rng.uniform(-1, 1, x.shape)), -2, 2)
             cell, true = grid.index(seen), truth(x)
