@@ -25,8 +25,9 @@ def row(case: str, results: Path) -> dict[str, Any]:
     assert own.synthesis is not None
     made = json.loads((results / "synthesis/gap/synthesis.json").read_text())
     cost = next(csv.DictReader((results / "benchmarks/synthesis-gap.tsv").open(), delimiter="\t"))
-    runs = json.loads((results / "full/validation/validation.json").read_text())["controllers"]
-    attack = json.loads((results / "full/audit/audit.json").read_text())
+    evidence = results / "full" if (results / "full").is_dir() else results
+    runs = json.loads((evidence / "validation/validation.json").read_text())["controllers"]
+    attack = json.loads((evidence / "audit/audit.json").read_text())
     classes = math.prod(own.hidden_state.classes.values()) if own.hidden_state is not None else 1
     gap, nominal = runs["gap"]["simulator"], runs["nominal"]["simulator"]
     return {
@@ -54,7 +55,7 @@ def row(case: str, results: Path) -> dict[str, Any]:
 def main() -> None:
     """Read what there is below `results` (or the folder given) and write the file."""
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "results"
-    found = {case: row(case, folder / case) for case in CASES if (folder / case / "full").is_dir()}
+    found = {case: row(case, folder / case) for case in CASES if (folder / case / "audit").is_dir()}
     out = ROOT / "benchmarks/results/tasks.json"
     kept = json.loads(out.read_text()) if out.exists() else {}
     out.write_text(json.dumps(kept | found, indent=1) + "\n")
