@@ -329,7 +329,7 @@ def write_failed(failed: Sequence[Failure], words: Mapping[str, str], folder: Pa
     from simgap.stages.index import run as write_index
 
     for root in {folder / results.parent for results in own}:
-        if (root / INDEX).is_file():  # it would say of these cases what an earlier run was worth
+        if reading.is_file(root / INDEX):  # it would say of these cases what an earlier run was worth
             write_index([], root / INDEX, sorted(root.glob("*/summary.json")))
     return [results / NO_CONTROLLER for results in own]
 
