@@ -62,7 +62,7 @@ def why(
     at: Annotated[str, typer.Option(help="The state: q=0.5,v=0.", show_default=False)],
     results: Annotated[Path | None, typer.Option(help="Results of the case; by default results/<case>.")] = None,
 ) -> None:
-    """Say why the controller of a run wins or loses at a state: what each input runs into, with the gap and without."""
+    """Say why the controller of a run wins or loses at a state: what its inputs run into, and what loses the cell."""
     from simgap.stages import why as stage
 
     for sentence in stage.run(case, values_of(at, "--at"), results):

@@ -277,12 +277,13 @@ class Specification(Section, ABC):
             UserError: a specification that does not fit the states or X.
         """
 
-    def fit(self, space: Space, grid: Grid, error: Floats) -> None:
-        """Refuse what these cells, with a measurement error (nx,), cannot express, before anything is rolled out.
+    def fit(self, space: Space, grid: Grid, error: Floats) -> Bools:
+        """Cells in which a run may begin as far as these cells, with a measurement error (nx,), express it: (cells,).
 
         Raises:
-            UserError: as `solve` would.
+            UserError: as `solve` would, where they cannot; before anything is rolled out.
         """
+        return np.ones(grid.size, np.bool_)
 
     @abstractmethod
     def solve(self, game: Game) -> Solution:

@@ -11,7 +11,7 @@ import itertools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, reduce
+from functools import cached_property, lru_cache, reduce
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -115,24 +115,8 @@ class Task(Arena):
         return super().region(space)
 
     def _read(self, space: Space) -> Formula:
-        def samples(bound: str) -> int:
-            number, _, unit = bound.strip().partition(" ")
-            try:
-                count = math.floor(float(number) * (conversion(unit, "s").factor if unit else 1.0) / space.tau + 1e-9)
-                if count < 0:
-                    raise ValueError
-                return count
-            except (ValueError, OverflowError, UserError):
-                raise UserError(f"'{bound.strip()}' is no deadline", remedy="Write it like F[<= 40 s] a.") from None
-
         with placed(key=f"{KEY}.formula"):
-            formula = parse(self.formula, samples)
-            unknown = sorted(regions(formula) - set(self.regions))
-            if unknown:
-                raise UserError(f"no region '{unknown[0]}'", remedy=f"The regions are {', '.join(self.regions)}.")
-            if len(regions(formula)) > MOST_REGIONS:
-                raise UserError(f"the formula is about more than {MOST_REGIONS} regions", remedy="Join some of them.")
-        return formula
+            return formula_of(self.formula, space.tau, tuple(self.regions))
 
     def _automaton(self, space: Space, letters: tuple[Letter, ...]) -> Automaton:
         with placed(key=f"{KEY}.formula"):
@@ -147,9 +131,10 @@ class Task(Arena):
         automaton, letters = self._letters(game.space, game.grid, game.error)
         return solve(game, automaton, letters, self.free(game.space, game.grid, game.stray + game.error))
 
-    def fit(self, space: Space, grid: Grid, error: Floats) -> None:
-        """Refuse regions that hold no cell, and a formula that no way through them keeps."""
-        self._letters(space, grid, error)
+    def fit(self, space: Space, grid: Grid, error: Floats) -> Bools:
+        """Cells whose letter the formula allows at first; regions must hold a cell, and some way keep the formula."""
+        automaton, letters = self._letters(space, grid, error)
+        return np.asarray(automaton.step[0, letters] >= 0)
 
     def _letters(self, space: Space, grid: Grid, error: Floats) -> tuple[Automaton, Ints]:
         """The formula's automaton over the letters that cells have, and the number of each cell's, (cells,)."""
@@ -219,6 +204,33 @@ class Task(Arena):
                     rectangle(axes, box, facecolor=face, edgecolor=edge, lw=1.0, alpha=0.5)
                     axes.text(*(0.5 * (box.lo + box.hi)), name, ha="center", va="center", fontsize="small")
         super().draw(axes, space, shown, look)
+
+
+@lru_cache(64)
+def formula_of(text: str, tau: float, names: tuple[str, ...]) -> Formula:
+    """A formula over named regions, its deadlines in samples of tau seconds.
+
+    Raises:
+        UserError: what is no formula, no deadline, no name, or about too many regions.
+    """
+
+    def samples(bound: str) -> int:
+        number, _, unit = bound.strip().partition(" ")
+        try:
+            count = math.floor(float(number) * (conversion(unit, "s").factor if unit else 1.0) / tau + 1e-9)
+            if count < 0:
+                raise ValueError
+            return count
+        except (ValueError, OverflowError, UserError):
+            raise UserError(f"'{bound.strip()}' is no deadline", remedy="Write it like F[<= 40 s] a.") from None
+
+    formula = parse(text, samples)
+    unknown = sorted(regions(formula) - set(names))
+    if unknown:
+        raise UserError(f"no region '{unknown[0]}'", remedy=f"The regions are {', '.join(names)}.")
+    if len(regions(formula)) > MOST_REGIONS:
+        raise UserError(f"the formula is about more than {MOST_REGIONS} regions", remedy="Join some of them.")
+    return formula
 
 
 def exact_letters(names: Iterable[str]) -> tuple[Letter, ...]:

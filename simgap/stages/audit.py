@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -51,16 +52,24 @@ from simgap.stages.arguments import CasePath, Gap, HowMany, Option, Out, Shards,
 from simgap.stages.gap_inputs import read_samples
 from simgap.stages.validation import tolerated_share
 from simgap.synthesis.input_sets import LARGEST_TABLES, crop, inner, margins, unpack
-from simgap.synthesis.margins import LARGEST_FACTOR, Margins, Remembered, one_step_margins, shown_layers
+from simgap.synthesis.margins import (
+    CAUSES,
+    LARGEST_FACTOR,
+    NOTHING,
+    Margins,
+    Remembered,
+    one_step_margins,
+    shown_layers,
+)
 
 SHARES = (0.0, 0.05, 0.5)  # quantiles of the margins that are printed
 LAYERS = 3  # headings that are looked at where classes are remembered: each costs a robot 3 CPU s
 
 
-def margins_of(context: Context, gap: GapFunction, solution: Solution) -> Margins | str:
+def margins_of(context: Context, gap: GapFunction, solution: Solution, cell: int | None = None) -> Margins | str:
     """Margins of the cells in which a run may start, those of some headings where classes of inputs are remembered.
 
-    Where there are none, why: a sentence.
+    Of one cell alone where it is given. Where there are none, why: a sentence.
     """
     space, sensing = Space.of(context.case), context.case.sensing
     error = space.vector(sensing.error if sensing else {})
@@ -68,33 +77,47 @@ def margins_of(context: Context, gap: GapFunction, solution: Solution) -> Margin
     needed = 4 * solution.grid.size * 2 ** len(solution.grid.periodic) * sets
     if needed > LARGEST_TABLES:
         return f"Counting how far each of {sets} sets of cells reaches would take {needed / 1e9:.1f} GB."
-    if solution.progress is not None:
-        return "Margins are not counted for a task."
     blurred = bool(error.any()) or solution.late
     if blurred and specification_of(context.case).on_true_cells:
         return _of_true_cells(context, gap, solution, error)
-    return _of_measured_cells(context, gap, solution, error)
+    return _of_measured_cells(context, gap, solution, error, cell)
 
 
-def _of_measured_cells(context: Context, gap: GapFunction, solution: Solution, error: Floats) -> Margins:
-    """At what is remembered at a start: the class of a robot at rest, the input that acts first."""
+def _of_measured_cells(
+    context: Context, gap: GapFunction, solution: Solution, error: Floats, cell: int | None
+) -> Margins:
+    """At what is remembered at a start: the class of a robot at rest, the input that acts first, a task's first state.
+
+    The state of a task that follows depends on the cell, so that cells with the same one are looked at together.
+    """
     grid, names, first = solution.grid, context.states, solution.first
-    acts, after = solution.step(first, np.arange(len(context.input_set)), 0)
+    axes, looked_at, only = gap.domain.read, np.ones(grid.size, np.bool_), []
+    if cell is not None:
+        looked_at[:] = np.arange(grid.size) == cell
+    elif solution.kind is not None and axes:
+        layers = shown_layers(grid.cells[axes[-1]], LAYERS)
+        looked_at &= np.isin(np.indices(grid.cells)[axes[-1]].reshape(-1), layers)
+        only += [f"in {len(layers)} of {grid.cells[axes[-1]]} layers of {names[axes[-1]]}"]
     nodes = solution.served if solution.value is None else solution.value >= 0
     nodes = nodes.reshape(grid.size, solution.memory)
-    remembered, kind = np.unique(after, return_inverse=True)
-    axes = gap.domain.read
-    layers = shown_layers(grid.cells[axes[-1]], LAYERS) if solution.kind is not None and axes else None
-    late = int(acts) if solution.late else None
-    known = Remembered(nodes[:, remembered], kind.reshape(-1).astype(np.int64), layers, late)
     rows = np.arange(grid.size) * solution.memory + first
     mask = np.ascontiguousarray(solution.admitted(len(context.input_set), rows))
     about = context.plant.sampled, grid, context.input_set, _after(gap, solution).kernel()
-    found = one_step_margins(*about, nodes[:, first], mask, axes, error, known)
-    only = ["where the previous input is of the class of a robot at rest"] if solution.kind is not None else []
-    only += [_first(context, late)] if late is not None else []
-    which = "" if layers is None else f", in {len(layers)} of {grid.cells[axes[-1]]} layers of {names[axes[-1]]}"
-    return replace(found, only=" and ".join(only) + which)
+    begins = specification_of(context.case).fit(Space.of(context.case), grid, error)
+    winning, losing = nodes[:, first] & looked_at, solution.free & begins & ~nodes[:, first] & looked_at
+    states = np.zeros(grid.size, int) if solution.progress is None else solution.progress(first, np.arange(grid.size))
+    parts = []
+    for state in np.unique(states):
+        own = states == state
+        acts, after = solution.step(first, np.arange(len(context.input_set)), int(np.flatnonzero(own)[0]))
+        remembered, kind = np.unique(after, return_inverse=True)
+        late = int(acts) if solution.late else None
+        known = Remembered(nodes[:, remembered], kind.reshape(-1).astype(np.int64), late)
+        parts.append(one_step_margins(*about, winning & own, mask, axes, error, known, losing=losing & own))
+    where = ["where the previous input is of the class of a robot at rest"] if solution.kind is not None else []
+    where += [_first(context, late)] if late is not None else []
+    where += ["where the task begins"] if solution.progress is not None else []
+    return replace(reduce(Margins.joined, parts), only=", ".join([" and ".join(where), *only] if where else only))
 
 
 def _of_true_cells(context: Context, gap: GapFunction, solution: Solution, error: Floats) -> Margins | str:
@@ -112,11 +135,19 @@ def _of_true_cells(context: Context, gap: GapFunction, solution: Solution, error
         known = Remembered(acting, np.arange(len(inputs)), acting=late)
     mask = solution.mask.reshape(larger.size, solution.memory, -1)[:, solution.first]
     about = context.plant.sampled, grid, inputs, gap.kernel(), winning, np.ascontiguousarray(mask)
-    found = one_step_margins(*about, gap.domain.read, None, known, reach)
-    factor, extra = np.full(larger.size, np.nan, np.float32), np.full((larger.size, grid.box.size), np.nan, np.float32)
-    factor.reshape(larger.cells)[inner(grid, larger)] = found.factor.reshape(grid.cells)
-    extra.reshape(*larger.cells, -1)[inner(grid, larger)] = found.extra.reshape(*grid.cells, -1)
-    return Margins(factor, extra, "" if late is None else _first(context, late))
+    losing = crop(solution.free, grid, larger) & ~winning
+    found = one_step_margins(*about, gap.domain.read, None, known, reach, losing)
+    only = "" if late is None else _first(context, late)
+
+    def on_measurements(values: Any, outside: Any) -> Any:
+        out = np.full((larger.size, *values.shape[1:]), outside, values.dtype)
+        out.reshape(*larger.cells, *values.shape[1:])[inner(grid, larger)] = values.reshape(
+            *grid.cells, *values.shape[1:]
+        )
+        return out
+
+    sides = on_measurements(found.factor, np.nan), on_measurements(found.extra, np.nan)
+    return Margins(*sides, on_measurements(found.loses_by, NOTHING), only)
 
 
 def _true_grid(context: Context, larger: Grid, reach: tuple[int, ...]) -> Grid:
@@ -143,7 +174,7 @@ def summary(context: Context, margins: Margins | str) -> dict[str, Any] | None:
     """Least, 5 % and median margin over the cells that have one, how many cells that is, and which ones only."""
     if isinstance(margins, str):
         return None
-    known = np.isfinite(margins.factor)
+    known = margins.factor >= 1.0
     if not known.any():
         return None
 
@@ -153,6 +184,7 @@ def summary(context: Context, margins: Margins | str) -> dict[str, Any] | None:
 
     return {
         "cells": int(known.sum()),
+        "lose_by": {cause: int(np.sum(margins.loses_by == k)) for k, cause in enumerate(CAUSES) if k != NOTHING},
         **({"only": margins.only} if margins.only else {}),
         "factor": quantiles(margins.factor[known]),
         "largest_looked_for": LARGEST_FACTOR,
@@ -279,7 +311,9 @@ def _write_margins(context: Context, margins: Margins | str, path: Path, record:
     """A row a cell; none where there are no margins."""
     columns: dict[str, Any] = {"factor": np.empty(0, np.float32)}
     if not isinstance(margins, str):
-        columns = {"factor": margins.factor} | {f"extra_{n}": margins.extra[:, j] for j, n in enumerate(context.states)}
+        columns = {"factor": margins.factor, "loses_by": margins.loses_by} | {
+            f"extra_{n}": margins.extra[:, j] for j, n in enumerate(context.states)
+        }
     units = {f"extra_{n}": context.units[n] for n in context.states}
     write_parquet(path, table(columns, units, {"case": context.case.name}, record))
 
@@ -301,7 +335,7 @@ def _shared(
     """Read the controller, look at all of its cells once, and leave its tables in a folder."""
     solution = load_controller_of(controller, context).solution
     margins = margins_of(context, gap, solution)
-    factor = None if isinstance(margins, str) else margins.factor
+    factor = None if isinstance(margins, str) else np.where(margins.factor >= 1.0, margins.factor, np.nan)
     return Mapped.of(solution, folder / "solution"), WorstStarts(solution, factor), margins
 
 

@@ -10,7 +10,9 @@ import numpy as np
 from simgap.errors import UserError
 from simgap.gap.sampling.points import own_point
 from simgap.io.controller_file import load_controller_of
+from simgap.io.gap_file import load_gap
 from simgap.plants.context import Context
+from simgap.stages.audit import margins_of
 from simgap.stages.synthesis import pose_problem
 from simgap.synthesis.explain import why
 
@@ -22,16 +24,17 @@ def run(case: Path, at: Mapping[str, float], results: Path | None = None) -> tup
         results: folder of the case's results; `results/<case>` if not given.
 
     Raises:
-        UserError: a state that is not named, results that are not there, a controller with memory.
+        UserError: a state that is not named, results that are not there.
     """
     context = Context.load(case)
     if set(at) != set(context.states):
         raise UserError(f"a state is {', '.join(context.states)}", key="--at", remedy="Name each of them once.")
     folder = results if results is not None else Path("results") / context.case.name
     with context.blame():
-        problem, _ = pose_problem(context, folder / "gap" / own_point(context.case) / "gap.json")
-        aware, nominal = (
-            load_controller_of(folder / "synthesis" / kind / "controller.npz", context) for kind in ("gap", "nominal")
-        )
+        bound = folder / "gap" / own_point(context.case) / "gap.json"
+        problem, _ = pose_problem(context, bound)
+        controller = load_controller_of(folder / "synthesis" / "gap" / "controller.npz", context)
         x = np.array([at[name] for name in context.states], dtype=np.float64)
-        return why(problem, aware, nominal, x)
+        cell = int(controller.grid.index(x[None])[0])
+        margins = margins_of(context, load_gap(bound, context).function, controller.solution, cell)
+        return why(problem, controller, margins, x)

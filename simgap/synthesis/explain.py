@@ -5,7 +5,7 @@ successor of a cell are against that, and along which state every input leads ou
 with more cells, a narrower gap, the nominal model alone and other sampling times, each on as many cells as a short
 budget allows. These are searches, not proofs: what they do not find may exist on finer cells.
 
-Of one state it is told what each input can do from its cell, with the gap and without.
+Of one state it is told what its inputs can do from its cell, and what the cell is lost to.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from simgap.model.sampled import NominalModel
 from simgap.notation import joined
 from simgap.synthesis.abstraction.post import Kernel, no_gap
 from simgap.synthesis.controller import Controller
+from simgap.synthesis.margins import BESIDE, CELLS, GAMMA, INPUTS, NOTHING, Margins
 from simgap.synthesis.synthesise import SynthesisProblem
 
 SAMPLED = 2_000
@@ -297,35 +298,48 @@ def _table(rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 _FORBIDDEN = "The specification or its clearance forbids this cell: the answer is the same for every controller."
+_CAUSE = {
+    NOTHING: "What is asked for breaks in this cell itself.",
+    GAMMA: "Gamma costs it: at {factor:.3g} times its width an input would lead from this cell into cells that win.",
+    CELLS: "The cells are too large: without gamma, an input would lead into cells that win from its centre alone.",
+    INPUTS: "The inputs do not reach: without gamma, none leads into cells that win, not even from its centre.",
+    BESIDE: "Its successors do not cost it, but the path between samples, or what a measurement leaves open.",
+}
 
 
-def why(problem: SynthesisProblem, controller: Controller, nominal: Controller, x: Floats) -> tuple[str, ...]:
-    """Sentences on a state x (nx,): whether its cell wins, and if it does not, what its inputs run into.
+def why(problem: SynthesisProblem, controller: Controller, margins: Margins | str, x: Floats) -> tuple[str, ...]:
+    """Sentences on a state x (nx,): whether a run may begin in its cell, by how much, and if not, what it runs into.
 
     Args:
-        problem, controller: with the gap; nominal: the nominal-only controller.
-
-    Raises:
-        UserError: a controller that remembers: its cell alone does not decide.
+        problem, controller: with the gap.
+        margins: of that cell at least; a sentence where there are none.
 
     It looks one step ahead, at the set that won in the end, and not at the pass in which the cell was lost.
     """
     solution, grid, names = controller.solution, controller.grid, problem.space.states
-    if solution.memory > 1 or problem.on_true_cells:
-        raise UserError("the controller remembers more than its cell (an input, a measurement, the state of a task)",
-                        remedy="`why` looks at cells alone.")  # fmt: skip
     cell = int(grid.index(x[None])[0])
     if cell < 0:
         far = [n for n, v, lo, hi in zip(names, x, grid.box.lo, grid.box.hi, strict=True) if not lo <= v <= hi]
         return (f"Outside the region of the specification: {', '.join(far)}.",)
     if not solution.free[cell]:
         return (_FORBIDDEN,)
+    if isinstance(margins, str):
+        cause, factor = margins, float("nan")
+    else:
+        factor = float(margins.factor[cell])
+        cause = _CAUSE[margins.loses_by[cell]].format(factor=factor)
     if solution.winning[cell]:
-        return (f"It wins: {len(controller.inputs(x))} of {len(problem.inputs)} inputs are admissible.",)
+        grow = f" Gamma may grow by a factor of {factor:.4g} in this cell." if factor >= 1.0 else ""
+        return (f"It wins: {len(controller.inputs(x))} of {len(problem.inputs)} inputs are admissible.{grow}",)
+    if solution.memory > 1 or problem.on_true_cells:
+        return ("It loses where a run begins.", cause)
     boxes = problem.abstraction().boxes(np.array([cell]))[0]
     leaves, lost = _fates(grid, solution.winning, boxes)
-    return ("It loses: no input keeps every successor in cells that win.", *_inputs(problem, boxes, leaves, lost),
-            _without_the_gap(problem, nominal, cell))  # fmt: skip
+    return (
+        "It loses: no input keeps every successor in cells that win.",
+        *_inputs(problem, boxes, leaves, lost),
+        cause,
+    )
 
 
 def _fates(grid: Grid, winning: Bools, boxes: Ints) -> tuple[Bools, Ints]:
@@ -357,9 +371,3 @@ def _inputs(problem: SynthesisProblem, boxes: Ints, leaves: Bools, lost: Ints) -
     if (inside & (lost == 0)).any():
         said.append("The others end in cells that win, but what their path touches between samples may not.")
     return said
-
-
-def _without_the_gap(problem: SynthesisProblem, nominal: Controller, cell: int) -> str:
-    if nominal.grid.cells == problem.cells and nominal.solution.winning[cell]:
-        return "The nominal-only controller wins here: the gap, or the path between samples, costs this cell."
-    return "The nominal-only controller loses here too: inputs, cells or the specification cost this cell."

@@ -1,5 +1,7 @@
 """One-step margins: by how much gamma could grow at a winning cell before no admissible input keeps it there.
 
+At a losing cell it is the other way round: how narrow gamma would have to be for it to win.
+
 With gamma = [lo, hi] over the cell, half-width w = (hi - lo) / 2, and an admissible input m, the successor box of the
 cell is that of f, moved by lo and hi (`post`). The margin of a cell is
 
@@ -17,6 +19,11 @@ be measured in, with m admitted at y:
 
     factor    = min over y of max over m of the largest s such that ...
 
+A cell that loses has a factor below 1: the largest s for which the box of some input of U covers winning cells only.
+Where there is none, not even at s = 0, gamma is not what loses the cell: the cell is too large if the box of its centre
+alone would fit at s = 0, and the inputs do not reach if that does not fit either. Where the box fits at s = 1, the cell
+is lost to what is asked beside it: the path between samples, or what a measurement leaves open.
+
 It is a statement about one cell and one step: gamma has grown at this cell alone and the winning domain is the old one.
 Where gamma grows everywhere, cells may be lost sooner, since those that they rely on are lost first. What the path
 between samples touches is not asked again.
@@ -25,7 +32,7 @@ between samples touches is not asked again.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -38,8 +45,8 @@ from simgap.late import njit
 from simgap.model.kernel_cache import cached_kernel
 from simgap.model.sampled import NominalModel
 from simgap.synthesis.abstraction.cells import count_holes, layout
-from simgap.synthesis.abstraction.post import Frame, Kernel, cell_box, image, reduced_cells, to_cells, without_ends
-from simgap.synthesis.input_sets import crop, padded, to_bytes, to_words, window_and
+from simgap.synthesis.abstraction.post import Frame, Kernel, cell_box, image, to_cells, without_ends
+from simgap.synthesis.input_sets import crop, every_input, padded, to_bytes, to_words, window_and
 
 LARGEST_FACTOR = 1e4
 """Factors are looked for up to here; a margin that reaches it is at least that."""
@@ -246,8 +253,13 @@ def searcher(image_of_box: Kernel, gap: Kernel) -> Any:
 
     @cached_kernel
     def search(  # type: ignore[no-untyped-def]
-        cells, rest, strides, free, header, inputs, kind, shape, tables, inside, mask, reach, wide, seen, factor, extra
+        cells, rest, strides, free, header, inputs, kind, shape, tables, inside, mask, reach, wide, seen, base, whole,
+        factor, extra
     ):  # fmt: skip
+        """`base`: 1 to grow gamma, 0 to grow it from its middle. `whole`: of the cells, or of their centres.
+
+        `mask`: (cells, bytes), or one row for all of them.
+        """
         n, count = cells.shape[1], inputs.shape[0]
         boxes, box, ranges = np.empty((3, count, n)), np.empty((3, n)), np.empty((2, n))
         work, spare, score = np.empty(2 * n, np.int64), np.empty((3, n)), np.empty(count)
@@ -258,13 +270,17 @@ def searcher(image_of_box: Kernel, gap: Kernel) -> Any:
         rows = np.empty((window, mask.shape[1]), np.uint8)
         for r in range(cells.shape[0]):
             cell_box(cells[r], n, free, box[0], box[1])
+            if not whole:
+                for j in range(n):
+                    box[0, j] = box[1, j] = 0.5 * (box[0, j] + box[1, j])
             for m in range(count):
                 image_of_box(box[0], box[1], inputs[m], n, boxes[0, m], boxes[1, m], box[2])
                 gap(box[0], box[1], inputs[m], ranges[0], ranges[1])
                 for j in range(n):
-                    boxes[0, m, j] += ranges[0, j]
-                    boxes[1, m, j] += ranges[1, j]
                     boxes[2, m, j] = 0.5 * (ranges[1, j] - ranges[0, j])
+                    inward = 0.0 if base > 0.0 else boxes[2, m, j]
+                    boxes[0, m, j] += ranges[0, j] + inward
+                    boxes[1, m, j] += ranges[1, j] - inward
             for t in range(rest.shape[0]):
                 flat = 0
                 for j in range(n):
@@ -273,38 +289,56 @@ def searcher(image_of_box: Kernel, gap: Kernel) -> Any:
                     flat += index[j] * strides[j]
                 if not inside[flat]:
                     continue
+                own = mask[flat if mask.shape[0] > 1 else 0]
                 if window > 1:
-                    found = _others(index, reach, wide, shape[1], seen, mask[flat], rows)
-                for q in range(n + 1):  # the factor, then each axis alone
-                    most = LARGEST_FACTOR - 1.0 if q == 0 else header[n + q - 1] * shape[0, q - 1]
-                    best = _of_inputs(
-                        q, most, mask[flat], liked, last, boxes, shift, spare, kind, shape, tables, header, work
-                    )
+                    found = _others(index, reach, wide, shape[1], seen, own, rows)
+                for q in range(n + 1 if base > 0.0 else 1):  # the factor, then each axis alone
+                    most = header[n + q - 1] * shape[0, q - 1] if q else LARGEST_FACTOR - 1.0 if base > 0.0 else 1.0
+                    best = _of_inputs(q, most, own, liked, last, boxes, shift, spare, kind, shape, tables, header, work)
                     if found:
                         best = _worst_measurement(
                             rows, found, q, best, most, boxes, shift, spare, kind, shape, tables, header, work, score
                         )
                     if best >= 0.0 and q == 0:
-                        factor[flat] = 1.0 + best
+                        factor[flat] = base + best
                     elif best >= 0.0:
                         extra[flat, q - 1] = best
 
     return search
 
 
+NOTHING, GAMMA, CELLS, INPUTS, BESIDE = range(5)
+CAUSES = ("nothing", "gamma", "cells", "inputs", "path or measurement")
+"""What a cell loses by: nothing, for one that wins, is forbidden or is not looked at; gamma, at its factor; the size of
+the cells; the inputs; what is asked beside one step from a cell."""
+
+
 @dataclass(frozen=True, eq=False)
 class Margins:
-    """Margins of cells, NaN where a cell does not win or is the goal.
+    """Margins of cells, NaN where a cell is the goal or forbidden.
 
     Attributes:
-        factor: (cells,) on gamma's half-width, at most `LARGEST_FACTOR`.
-        extra: (cells, nx) for each state alone, in its unit, at most the width of the region.
+        factor: (cells,) on gamma's half-width, at most `LARGEST_FACTOR`; below 1 where a cell loses by gamma, NaN where
+            it loses by something else.
+        extra: (cells, nx) for each state alone, in its unit, at most the width of the region; NaN where a cell loses.
+        loses_by: (cells,) what a cell loses by, one of `CAUSES`.
         only: of which cells, where it is not all of them, as words.
     """
 
     factor: NDArray[np.float32]
     extra: NDArray[np.float32]
+    loses_by: NDArray[np.uint8]
     only: str = ""
+
+    def joined(self, other: Margins) -> Margins:
+        """These margins, and those of another one at the cells that these do not know."""
+        new = np.isnan(self.factor) & (self.loses_by == NOTHING)
+        return replace(
+            self,
+            factor=np.where(new, other.factor, self.factor),
+            extra=np.where(new[:, None], other.extra, self.extra),
+            loses_by=np.where(new, other.loses_by, self.loses_by),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,13 +348,11 @@ class Remembered:
     Attributes:
         winning: (cells, C) bool, sets of cells that win, each with something that is remembered there.
         kind: (M,) in which of them the successors have to be when an input was chosen.
-        layers: indices along the last axis on which boxes depend that are looked at, all when None: nodes are many.
         acting: the input that acts whatever is chosen, where inputs are late; None where the chosen one does.
     """
 
     winning: Bools
     kind: Ints
-    layers: Ints | None = None
     acting: int | None = None
 
 
@@ -340,19 +372,21 @@ def one_step_margins(
     error: ArrayLike | None = None,
     remembered: Remembered | None = None,
     reach: tuple[int, ...] | None = None,
+    losing: Bools | None = None,
 ) -> Margins:
-    """Margins of the cells that win and have an input.
+    """Margins of the cells that win and have an input, and what losing ones lose by.
 
     Args:
         model: nominal map f; grid: cells of the measured state, or of the true one with a `reach`.
         inputs: U, (M, nu).
         gap: kernel of the bound; gap_axes: state axes on which it depends, all when None.
-        winning: (cells,) bool; mask: (cells, ceil(M / 8)) packed admissible inputs, of the measured cells (`padded`
-            by the reach) where there is one.
+        winning: (cells,) bool, those of which to find it; mask: (cells, ceil(M / 8)) packed admissible inputs, of the
+            measured cells (`padded` by the reach) where there is one.
         error: bound of the measurement error that boxes account for, (nx,).
-        remembered: where successors must win instead, if the controller remembers something; gap, winning and mask are
-            those of one thing that it may remember.
+        remembered: where successors must win, if that is not where margins are asked for: gap, winning and mask are
+            then of one thing that the controller may remember.
         reach: cells to either side in which a true state may be measured, per axis.
+        losing: (cells,) bool, those of which to say what they lose by; none when None.
     """
     n, nothing, count = grid.box.size, np.zeros(grid.box.size), len(inputs)
     known = Remembered(winning[:, None], np.zeros(count, np.int64)) if remembered is None else remembered
@@ -366,21 +400,34 @@ def one_step_margins(
     tables = np.stack([count_holes(own, shape, n) for own in known.winning.T])
     header = frame.header
     free = without_ends(header, np.array([j in on for j in range(n)]))
-    factor, extra = np.full(grid.size, np.nan), np.full((grid.size, n), np.nan)
     search = searcher(image(model.interval_kernel, model.jacobian_interval_kernel), gap)
     strides = np.array([int(np.prod(grid.cells[j + 1 :])) for j in range(n)])
-    cells = _looked_at(grid, tuple(sorted(on)), others, known.layers)
-    about = (frame.inputs, known.kind, shape, tables, winning.astype(np.uint8))
-    seen = _measured(grid, mask, count, (0,) * n if reach is None else reach)
-    search(cells, _offsets(grid, others), strides, free, header, *about, *seen, factor, extra)
-    return Margins(_rounded_down(factor), _rounded_down(extra))
+    cells = _looked_at(grid, others, winning if losing is None else winning | losing)
+    about = cells, _offsets(grid, others), strides, free, header, frame.inputs, known.kind, shape, tables
+
+    def found(inside: Bools, seen: tuple[Any, ...], base: float, whole: bool) -> tuple[Floats, Floats]:
+        factor, extra = np.full(grid.size, np.nan), np.full((grid.size, n), np.nan)
+        search(*about, inside.astype(np.uint8), *seen, base, whole, factor, extra)
+        return factor, extra
+
+    factor, extra = found(winning, _measured(grid, mask, count, (0,) * n if reach is None else reach), 1.0, True)
+    loses_by = np.full(grid.size, NOTHING, np.uint8)
+    if losing is not None:
+        every = _measured(grid, to_bytes(every_input(count)[None], count), count, (0,) * n)
+        narrower, _ = found(losing, every, 0.0, True)
+        centres, _ = found(losing & np.isnan(narrower), every, 0.0, False)
+        loses_by[losing] = INPUTS
+        loses_by[centres >= 0.0] = CELLS
+        loses_by[narrower >= 0.0] = GAMMA
+        loses_by[narrower >= 1.0] = BESIDE
+        factor = np.where(loses_by == GAMMA, narrower, factor)
+    return Margins(_rounded_down(factor), _rounded_down(extra), loses_by)
 
 
-def _looked_at(grid: Grid, on: tuple[int, ...], others: tuple[int, ...], layers: Ints | None) -> Ints:
-    """Indices of the cells whose boxes are computed, (k, nx): 0 along the other axes, and some layers of the last."""
-    cells = reduced_cells(grid, on)
-    cells[:, list(others)] = 0
-    return cells if layers is None or not on else cells[np.isin(cells[:, on[-1]], layers)]
+def _looked_at(grid: Grid, others: tuple[int, ...], inside: Bools) -> Ints:
+    """Indices of the cells whose boxes are computed, for all that differ along the `others` alone: (k, nx), 0 there."""
+    some = inside.reshape(grid.cells).any(axis=others, keepdims=True)
+    return np.stack(np.nonzero(some), axis=1)
 
 
 def _measured(grid: Grid, mask: NDArray[np.uint8], inputs: int, reach: tuple[int, ...]) -> tuple[Any, ...]:

@@ -9,23 +9,35 @@ from simgap.geometry import Box, Grid
 from simgap.synthesis.abstraction.nominal import nominal_abstraction
 from simgap.synthesis.games.invariance import invariance
 from simgap.synthesis.games.reach import reach_avoid
-from simgap.synthesis.margins import LARGEST_FACTOR, Remembered, one_step_margins, shown_layers
+from simgap.synthesis.margins import (
+    BESIDE,
+    CELLS,
+    GAMMA,
+    INPUTS,
+    LARGEST_FACTOR,
+    NOTHING,
+    Remembered,
+    one_step_margins,
+    shown_layers,
+)
 from tests.synthesis import synthesis_plants as plants
 
 
 def within(
-    model, grid, inputs, gap, winning, mask, cell, factor=1.0, more=0.0, kind=None, acting=None, reach=None, error=0.0
-):
+    model, grid, inputs, gap, winning, mask, cell, factor=1.0, more=0.0, kind=None, acting=None, reach=None, error=0.0,
+    whole=True,
+):  # fmt: skip
     """Whether some admissible input's successors lie in winning cells only, gamma's half-width times `factor`.
 
     With `kind`, of each input, in those of winning (cells, C) that win with it. With `acting` it is that input which
     moves the plant, whatever is chosen. With `reach` that has to be so for every measurement within so many cells; with
-    `error` the cells are of measurements.
+    `error` the cells are of measurements. Not `whole`, it is about the centre of the cell alone.
     """
     k = np.array(np.unravel_index(cell, grid.cells))
     lo, hi = grid.box.lo + 2 * grid.h * k - error, grid.box.lo + 2 * grid.h * (k + 1) + error
     ends = [j not in grid.periodic for j in range(len(k))]
     lo, hi = np.where(ends, np.maximum(lo, grid.box.lo), lo), np.where(ends, np.minimum(hi, grid.box.hi), hi)
+    lo, hi = (lo, hi) if whole else ((lo + hi) / 2, (lo + hi) / 2)
     centre, below, above = (lo + hi) / 2, np.empty(len(k)), np.empty(len(k))
     fits = []
     for m in range(len(inputs)):
@@ -131,11 +143,46 @@ def test_margins_after_an_input_of_a_class_are_those_of_the_definition():
         cells = np.random.default_rng(3).choice(np.flatnonzero(moving), 30)
         check(model, grid, inputs, gap, sets, mask, found, cells, 3, kind)
         layers = shown_layers(8, 3)
-        some = one_step_margins(model, grid, inputs, gap, own, mask, (2,), None, Remembered(sets, kind, layers))
-        looked_at = np.isin(np.arange(grid.size) % 8, layers)
         assert layers.tolist() == [0, 2, 5]
+        looked_at = np.isin(np.arange(grid.size) % 8, layers)
+        some = one_step_margins(model, grid, inputs, gap, own & looked_at, mask, (2,), None, Remembered(sets, kind))
         assert np.array_equal(some.factor, np.where(looked_at, found.factor, np.nan), equal_nan=True)
         assert np.array_equal(some.extra, np.where(looked_at[:, None], found.extra, np.nan), equal_nan=True)
+
+
+def test_what_losing_cells_lose_by_is_that_of_the_definition():
+    """Random sets, gaps with a middle that is not 0: how narrow gamma would have to be, and what else is at fault."""
+    model, _ = plants.pendulum()
+    inputs, seen = np.linspace(-1.0, 1.0, 5)[:, None], dict.fromkeys((GAMMA, CELLS, INPUTS, BESIDE), 0)
+    for seed in range(60):
+        rng = np.random.default_rng([seed, 11])
+        periodic = ((), (1,))[seed % 2]
+        grid = Grid(Box([0.0, -0.5], [0.2, 0.5]), tuple(int(c) for c in rng.integers(7, 12, 2)), periodic)
+        gap = plants.constant_gap(*(float(w) for w in rng.choice([1e-4, 1e-2, 1e-1], 2)))
+        sets = rng.random((grid.size, 2)) < rng.choice([0.5, 0.9])
+        kind, losing = rng.integers(0, 2, 5), rng.random(grid.size) < 0.5
+        every = np.full((grid.size, 1), 255, np.uint8)
+        known = Remembered(sets, kind)
+        found = one_step_margins(model, grid, inputs, gap, sets[:, 0] & ~losing, every, remembered=known, losing=losing)
+        assert np.array_equal(found.loses_by != NOTHING, losing)
+        for cell in np.flatnonzero(losing):
+            at, cause = (model, grid, inputs, gap, sets, every, cell), int(found.loses_by[cell])
+            seen[cause] += 1
+            # a box that ends on a face is in both cells, which rounding may hide from the oracle
+            fits, spills = {"kind": kind}, {"kind": kind, "more": 1e-9}
+            if cause == BESIDE:
+                assert within(*at, 1.0, **fits)
+            elif cause == GAMMA:
+                factor = float(found.factor[cell])
+                assert within(*at, factor * (1 - 1e-6), **fits)
+                assert not within(*at, min(1.0, factor * (1 + 4.5e-3) + 1e-6), **spills)
+            else:
+                assert not within(*at, 0.0, **spills)
+                if cause == CELLS:
+                    assert within(*at, 0.0, **fits, whole=False)
+                else:
+                    assert not within(*at, 0.0, **spills, whole=False)
+    assert min(seen.values()) > 30, seen
 
 
 @pytest.mark.parametrize("acting", [None, 2])

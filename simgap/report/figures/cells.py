@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from simgap.arrays import Floats
+from simgap.arrays import Floats, Ints
 from simgap.geometry import Grid
 from simgap.io import figure_style as style
 from simgap.io.figure_style import COLOURS
 from simgap.io.traces import GAP_AWARE, NOMINAL, SIMULATOR, TITLES, Trace
 from simgap.notation import axis_label, number, pretty_unit
 from simgap.synthesis.controller import Controller
-from simgap.synthesis.margins import LARGEST_FACTOR, shown_layers
+from simgap.synthesis.margins import BESIDE, CAUSES, CELLS, GAMMA, INPUTS, LARGEST_FACTOR, NOTHING, shown_layers
 
 
 def cell_map(axis: Any, grid: Grid, values: Any, aspect: str = "auto", **look: Any) -> Any:
@@ -126,37 +126,61 @@ def domain_slices_figure(controller: Controller, units: Mapping[str, str], goal:
 
 MAP = "cividis"  # one hue after another in order of lightness, alike to all kinds of colour vision
 FACTOR = "gamma may grow by a factor of"
+LOST = {GAMMA: "#F3B49F", CELLS: "#E3CDE0", INPUTS: "#E4E6EA", BESIDE: "#BFE3D4"}
+"""Colours of what cells are lost to, pale beside those of margins."""
 REACHED = 1e-5  # a margin this near to the largest that is looked for is that one: margins are rounded down
 
 
-def margins_figure(grid: Grid, factor: Floats, extra: Floats, states: Sequence[str], units: Mapping[str, str]) -> Any:
+def margins_figure(
+    grid: Grid, factor: Floats, extra: Floats, loses_by: Ints, states: Sequence[str], units: Mapping[str, str]
+) -> Any:
     """Margins over two states: the common factor, and what may be added to each state alone.
 
     Args:
-        grid: cells; factor: (cells,), extra: (cells, 2), not numbers where a cell does not win.
+        grid: cells; factor: (cells,), extra: (cells, 2): drawn where a cell wins.
+        loses_by: (cells,) what others lose by.
         states, units: names and units.
     """
     titles = ["factor on gamma", *(f"added to {n} alone ({pretty_unit(units.get(n, ''))})" for n in states)]
-    figure, (axes,) = style.panels(1, 3, 4.2, 1.4 * style.WIDTH, sharex=True, sharey=True)
+    figure, (axes,) = style.panels(1, 3, 4.4, 1.4 * style.WIDTH, sharex=True, sharey=True)
     most = (LARGEST_FACTOR, *(2.0 * grid.h * grid.cells).tolist())
-    for axis, title, values, end in zip(axes, titles, (factor, *extra.T), most, strict=True):
+    won = np.where(factor >= 1.0, factor, np.nan)
+    for axis, title, values, end in zip(axes, titles, (won, *extra.T), most, strict=True):
         scale = _scale(values)
         picture = cell_map(axis, grid, _cut(values.reshape(grid.cells), scale), cmap=MAP, norm=scale)
         axis.set_title(title)
         axis.set_xlabel(axis_label(states[0], units))
         _ends(figure.colorbar(picture, ax=axis, orientation="horizontal", shrink=0.95), values, end)
+    _causes(axes[:1], [loses_by.reshape(grid.cells)], grid, figure)
     axes[0].set_ylabel(axis_label(states[1], units))
     return figure
 
 
-def margin_slices_figure(grid: Grid, factor: Floats, states: Sequence[str], units: Mapping[str, str]) -> Any:
+def margin_slices_figure(
+    grid: Grid, factor: Floats, loses_by: Ints, states: Sequence[str], units: Mapping[str, str]
+) -> Any:
     """The common factor (cells,) over the first two states at `SLICES` values of the third, those with any."""
-    shown, scale = factor.reshape(grid.cells), _scale(factor)
+    won = np.where(factor >= 1.0, factor, np.nan)
+    shown, scale = won.reshape(grid.cells), _scale(won)
     layers = [k for k in shown_layers(grid.cells[2], SLICES) if np.isfinite(shown[:, :, k]).any()] or [0]
     look = {"aspect": "equal", "cmap": MAP, "norm": scale}
     figure, bar = layer_maps(grid, _cut(shown, scale), layers, (states, units), FACTOR, **look)
-    _ends(bar, factor, LARGEST_FACTOR)
+    _causes(figure.axes[: len(layers)], [loses_by.reshape(grid.cells)[:, :, k] for k in layers], grid, figure)
+    _ends(bar, won, LARGEST_FACTOR)
     return figure
+
+
+def _causes(axes: Sequence[Any], maps: Sequence[Any], grid: Grid, figure: Any) -> None:
+    """What losing cells lose by, in pale colours on maps (c0, c1), with a legend of those that occur."""
+    from matplotlib.colors import ListedColormap
+
+    colours = ListedColormap(list(LOST.values()))
+    for axis, values in zip(axes, maps, strict=True):
+        shown = np.ma.masked_equal(values, NOTHING)
+        cell_map(axis, grid, shown, axis.get_aspect(), cmap=colours, vmin=GAMMA - 0.5, vmax=BESIDE + 0.5)
+        for cause in np.unique(shown.compressed()):
+            axis.fill([], [], color=LOST[cause], label=f"lost to {CAUSES[cause]}")  # a map has no place in a legend
+    style.legend(figure)
 
 
 def _scale(values: Floats) -> Any:
