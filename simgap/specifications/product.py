@@ -89,23 +89,27 @@ class Won:
         """Good moves infinitely often: the greatest fixed point over rounds; what the game found last."""
         states, done = len(self.following), self.automaton.done
         everywhere = self.free[:, None]
-        kept = dict.fromkeys(range(states), everywhere)
+        goals = self._goals(dict.fromkeys(range(states), everywhere))
         while True:
             self.rank, self.mask, self.seen, self.rounds = {}, {}, {}, self.rounds + 1
-            last = self._round(game, kept)
-            now = {q: self.rank[q] >= 0 for q in self.rank} | ({done: everywhere} if done >= 0 else {})
-            if all(np.array_equal(now[q], kept[q]) for q in now):
+            last = self._round(game, goals)
+            kept = {q: self.rank[q] >= 0 for q in self.rank} | ({done: everywhere} if done >= 0 else {})
+            before, goals = goals, self._goals(kept)
+            if all(np.all(goals[q] == before[q]) for q in goals):
                 return last
-            kept = now
 
-    def _round(self, game: Game, kept: dict[int, Bools]) -> Solution:
-        """Nodes from which a good move into the `kept` ones can be forced: the least fixed point over states."""
+    def _goals(self, kept: dict[int, Bools]) -> dict[int, Any]:
+        """Nodes at which a good move into the `kept` ones ends, by the state that it leaves."""
+        return {q: self.arriving(q, kept, True) for q in self._order()}
+
+    def _round(self, game: Game, goals: dict[int, Any]) -> Solution:
+        """Nodes from which a good move into its goals can be forced: the least fixed point over states."""
         done, grows, found = self.automaton.done, True, None
         while grows:
             grows = False
             for q in self._order():
-                so_far = {p: self.rank[p] >= 0 for p in self.rank} | ({done: kept[done]} if done >= 0 else {})
-                target = self.arriving(q, kept, True) | self.arriving(q, so_far, False)
+                so_far = {p: self.rank[p] >= 0 for p in self.rank} | ({done: self.free[:, None]} if done >= 0 else {})
+                target = goals[q] | self.arriving(q, so_far, False)
                 target = np.broadcast_to(target, (len(self.free), 1)) if np.ndim(target) < 2 else target
                 if q in self.seen and np.array_equal(self.seen[q], target):
                     continue
