@@ -65,7 +65,7 @@ def controller_from(about: Mapping[str, Any], arrays: Arrays) -> Controller:
     require(type(late) is bool, "it does not say whether its inputs act late")
     kind = _kind(about["kind"], len(input_set))
     base = (len(input_set) if late else 1) * (1 if kind is None else int(kind.max()) + 1)
-    progress = _progress(arrays, grid.size, base, about.get("persists", False))
+    progress = _progress(arrays, grid.size, base, about.get("persists", False), about.get("awaits", []))
     wanted = base * (1 if progress is None else progress.after.shape[1])
     require(type(memory) is int and memory == wanted, f"memory {memory!r:.40} cannot be")
     require(type(first) is int and 0 <= first < memory, f"it cannot begin with memory {first!r:.40}")
@@ -117,7 +117,7 @@ def _kind(given: Any, inputs: int) -> Ints | None:
     return np.array(given, dtype=np.int64)
 
 
-def _progress(arrays: Arrays, cells: int, base: int, persists: Any) -> Progress | None:
+def _progress(arrays: Arrays, cells: int, base: int, persists: Any, awaits: Any) -> Progress | None:
     """What a task has come to after a sample in each cell."""
     after = arrays.get("progress")
     if after is None:
@@ -125,7 +125,9 @@ def _progress(arrays: Arrays, cells: int, base: int, persists: Any) -> Progress 
     good = after.dtype == np.int16 and after.ndim == 2 and len(after) == cells and after.shape[1] > 0
     require(good and ((after >= 0) & (after < after.shape[1])).all(), "its task does not go on in every cell")
     require(type(persists) is bool, "it does not say whether its task is to stay")
-    return Progress(after, base, persists)
+    named = isinstance(awaits, list) and len(awaits) in (0, after.shape[1]) and all(isinstance(w, str) for w in awaits)
+    require(named, "it does not say what each state of its task waits for")
+    return Progress(after, base, persists, tuple(awaits))
 
 
 def _names(about: Mapping[str, Any], key: str) -> tuple[str, ...]:
@@ -199,7 +201,7 @@ def save_controller(controller: Controller, path: Path | str) -> None:
         "kind": None if s.kind is None else s.kind.tolist(),
         "statistics": s.statistics,
         "provenance": controller.metadata,
-        **({} if s.progress is None else {"persists": s.progress.persists}),
+        **({} if s.progress is None else {"persists": s.progress.persists, "awaits": list(s.progress.awaits)}),
     }
     arrays: dict[str, NDArray[Any]] = {
         "about": np.frombuffer(json.dumps(about, sort_keys=True).encode(), np.uint8),

@@ -137,8 +137,9 @@ def _loop(m: Material) -> dict[str, Any]:
         section, towards = context.case.validation, any(len(s) for s in steps.values())
         stuck = 0.0 if section is None or towards else section.steps * (1.0 - 1e-9) * context.domain.tau
         out["trajectories"] = runs.trajectories_figure(
-            chosen, m.traces, limits(context), context.states, context.inputs, context.units, stuck
-        )
+            chosen, m.traces, limits(context), context.states, context.inputs, context.units, stuck,
+            specification_of(context.case).bands(Space.of(context.case)),
+        )  # fmt: skip
     if any(len(s) for s in steps.values()):
         out["times"] = runs.times_figure(steps, context.domain.tau, promised_steps(m))
     return out

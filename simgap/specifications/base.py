@@ -312,6 +312,10 @@ class Specification(Section, ABC):
         """The interval that each state must keep to, infinite where none needs to be drawn."""
         return self.region(space)
 
+    def bands(self, space: Space) -> Sequence[Sequence[tuple[str, float, float]]]:
+        """Of each state, the named intervals (name, lo, hi) that are asked for; empty where there is nothing named."""
+        return ()
+
     def plane(self, space: Space) -> Plane | None:
         """Boxes on the floor for a body that drives there; None where there is nothing of the kind to show."""
         return None

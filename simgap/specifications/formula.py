@@ -199,12 +199,25 @@ class Automaton:
             but finitely many must be (co-Buechi).
         done: state in which the formula holds whatever follows, -1 for none.
         persists: whether acceptance is co-Buechi.
+        letters: what they say, (L,).
     """
 
     step: Ints
     good: Bools
     done: int = -1
     persists: bool = False
+    letters: tuple[Letter, ...] = ()
+
+    @property
+    def awaits(self) -> tuple[str, ...]:
+        """Of each state, the regions that every move on from it, or good move, is inside of: 'a and b', '' for none."""
+        there, moves = self.step >= 0, self.step != np.arange(len(self.step))[:, None]
+        inside = [{name for name, within in letter if within} for letter in self.letters]
+        words = []
+        for on in there & (moves | self.good):
+            common = [inside[k] for k in np.flatnonzero(on)]
+            words.append(" and ".join(sorted(set.intersection(*common))) if common else "")
+        return tuple(words)
 
     @property
     def possible(self) -> bool:
@@ -257,7 +270,7 @@ def automaton_of(formula: Formula, letters: tuple[Letter, ...]) -> Automaton:
         good.append([own for _, own in moves])
     step, good_moves = np.array(rows, np.int64), np.array(good, np.bool_)
     done = numbers.get(watch.done, -1) if not (watch.again or watch.persistent) else -1
-    return Automaton(*_merged(step, good_moves, done), persists=bool(watch.persistent))
+    return Automaton(*_merged(step, good_moves, done), bool(watch.persistent), letters)
 
 
 def _merged(step: Ints, good: Bools, done: int) -> tuple[Ints, Bools, int]:

@@ -177,7 +177,9 @@ class Won:
             first=last.first,
             late=last.late,
             kind=last.kind,
-            progress=Progress(np.maximum(self.following, 0).T.astype(np.int16), base, self.automaton.persists),
+            progress=Progress(
+                np.maximum(self.following, 0).T.astype(np.int16), base, self.automaton.persists, self.automaton.awaits
+            ),
         )
 
     def _goal(self, value: Any, base: int) -> Any:

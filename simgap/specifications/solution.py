@@ -22,11 +22,13 @@ class Progress:
             plant's own game beside it; a memory is state * base + its own.
         persists: whether the task is to stay at its goal in the end: the value then never rises. Otherwise it rises
             from 0, to begin the next round.
+        awaits: of each state, the regions that it waits for: 'a and b', '' where that is no one thing.
     """
 
     after: NDArray[np.int16]
     base: int
     persists: bool = False
+    awaits: tuple[str, ...] = ()
 
     def __call__(self, memory: Any, cells: Any) -> Any:
         """States after samples in `cells`, numbers or (n,), from the memories before them."""

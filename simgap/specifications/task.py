@@ -194,6 +194,18 @@ class Task(Arena):
             for part in self.regions[name]
         )
 
+    def bands(self, space: Space) -> Sequence[Sequence[tuple[str, float, float]]]:
+        """Sides of the regions that are boxes, also a turn on and back where a state is an angle."""
+        found: list[list[tuple[str, float, float]]] = [[] for _ in space.states]
+        for name in sorted(regions(self._read(space))):
+            for part in self.regions[name]:
+                for state, (lo, hi) in part.items() if isinstance(part, dict) else ():
+                    j = space.states.index(state)
+                    turn = float(space.box.hi[j] - space.box.lo[j])
+                    around = (-turn, 0.0, turn) if j in space.periodic else (0.0,)
+                    found[j] += [(name, lo + by, hi + by) for by in around]
+        return found
+
     def draw(self, axes: Any, space: Space, shown: tuple[int, int], look: Look) -> None:
         """Regions that are boxes, with their names, obstacles and the border of the arena."""
         arena, (face, edge) = self.region(space), look.target
@@ -202,7 +214,7 @@ class Task(Arena):
                 if isinstance(part, dict) and any(space.states[j] in part for j in shown):
                     box = projected(partial_box(part, space.states), arena, shown)
                     rectangle(axes, box, facecolor=face, edgecolor=edge, lw=1.0, alpha=0.5)
-                    axes.text(*(0.5 * (box.lo + box.hi)), name, ha="center", va="center", fontsize="small")
+                    axes.text(box.lo[0], box.hi[1], f" {name}", ha="left", va="top", fontsize="small")
         super().draw(axes, space, shown, look)
 
 

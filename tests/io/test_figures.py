@@ -87,6 +87,22 @@ def test_trajectories_show_the_violation(made):
         style.close(figure)
 
 
+def test_regions_of_a_task_are_bands_on_the_runs_that_pass_them(made):
+    _, traces, _, _ = made
+    runs = {kind: shown(traces, kind) for kind in (NOMINAL, GAP_AWARE)}
+    safe, bands = Box([-np.inf, -np.inf], [np.inf, np.inf]), ([("home", 0.0, 0.2), ("far", 5.0, 6.0)], [])
+    with style.figure_style():
+        figure = figures_runs.trajectories_figure(runs, traces, safe, ["x1", "x2"], ["u"], UNITS, 0.0, bands)
+        said = [text.get_text() for axis in figure.axes for text in axis.texts]
+        assert said == ["home"]
+        left, right = figure.axes[:2]
+        assert left.get_ylim() == right.get_ylim()
+        for axis, kind in ((left, NOMINAL), (right, GAP_AWARE)):
+            x = runs[kind].x[runs[kind].t <= axis.get_xlim()[1], 0]
+            assert axis.get_ylim()[0] < x.min() <= x.max() < axis.get_ylim()[1]
+        style.close(figure)
+
+
 def test_domains_are_drawn_where_they_win(made):
     _, traces, controllers, _ = made
     with style.figure_style():
@@ -167,14 +183,19 @@ def test_maps_of_margins_show_the_layers_that_have_some_and_say_where_a_bar_ends
     factor = np.full(grid.cells, np.nan)
     layers = shown_layers(48, 3)
     factor[:, :, layers] = np.geomspace(1.01, 50.0, 40)[:, None, None]
-    figure = margin_slices_figure(grid, factor.reshape(-1), ("x", "y", "theta"), {"x": "m", "y": "m", "theta": "rad"})
+    lost = np.zeros(grid.cells, np.uint8)
+    lost[0, :, 0] = 3
+    figure = margin_slices_figure(
+        grid, factor.reshape(-1), lost, ("x", "y", "theta"), {"x": "m", "y": "m", "theta": "rad"}
+    )
     titles = [axis.get_title() for axis in figure.axes if axis.get_title()]
     assert titles == [f"theta = {-3.0 + (k + 0.5) / 8:.2f} rad" for k in (0, 16, 32)]
     names = [label.get_text() for label in figure.axes[-1].get_yticklabels()]
     assert not any("\u2265" in name for name in names)
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["lost to inputs"]
     plt.close(figure)
     factor[0, 0, 0] = LARGEST_FACTOR
-    figure = margin_slices_figure(grid, factor.reshape(-1), ("x", "y", "theta"), {})
+    figure = margin_slices_figure(grid, factor.reshape(-1), 0 * lost, ("x", "y", "theta"), {})
     names = [label.get_text() for label in figure.axes[-1].get_yticklabels()]
     assert names[-1] == "\u2265 10,000"
     plt.close(figure)

@@ -11,6 +11,7 @@ import pytest
 
 from simgap.errors import UserError
 from simgap.specifications.formula import automaton_of, parse, regions
+from simgap.specifications.task import exact_letters
 from tests.specifications.formulas import NAMES, conjunction, persistent, text
 
 LETTERS = tuple(frozenset(zip(NAMES, bits, strict=True)) for bits in itertools.product((False, True), repeat=3))
@@ -140,3 +141,18 @@ def test_what_is_outside_the_fragment_or_no_formula_is_refused_in_one_line(formu
     with pytest.raises(UserError, match=problem) as caught:
         automaton_of(parse(formula, int), LETTERS)
     assert caught.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("formula", "awaits"),
+    [
+        ("G F a & G F b", {("a", "b")}),
+        ("!w U (a & F b)", {("a", "b", "")}),
+        ("F G a & G !w", {("a",)}),
+        ("F (a | b)", {("", "")}),
+        ("F a & F b", {("", "a", "b", ""), ("", "b", "a", "")}),
+    ],
+)
+def test_a_state_knows_the_region_that_it_waits_for(formula, awaits):
+    words = automaton_of(parse(formula, int), exact_letters(sorted({*"abw"} & {*formula}))).awaits
+    assert words in awaits

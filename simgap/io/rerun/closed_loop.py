@@ -120,7 +120,12 @@ def events(content: Content, controller: str, trace: Trace) -> list[tuple[float,
     elif (task := content.controllers[controller].progress) is not None:
         stages = memories(content.controllers[controller], trace) // task.base
         moved = 1 + np.flatnonzero(np.diff(stages))
-        out += [(float(trace.t[k]), f"{title}: the task moves on to stage {stages[k]}", "INFO") for k in moved]
+        following = [task.awaits[stage] if task.awaits else "" for stage in stages.tolist()]
+        on = [f"next is {following[k]}" if following[k] else f"to stage {stages[k]}" for k in moved]
+        out += [
+            (float(trace.t[k]), f"{title}: the task moves on, {what}", "INFO")
+            for k, what in zip(moved, on, strict=True)
+        ]
     elif content.controllers[controller].in_target(trace.x[-1:])[0]:
         arrived = float(trace.t[content.controllers[controller].in_target(trace.x)][0])
         out.append((arrived, f"{title}: target reached after {arrived:g} s", "INFO"))

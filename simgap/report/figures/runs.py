@@ -21,7 +21,7 @@ UNSAFE, ON_MODEL = "#EFE3DC", "#6C727B"
 
 def trajectories_figure(
     shown: Mapping[str, Trace], traces: Sequence[Trace], safe: Box, states: Sequence[str], inputs: Sequence[str],
-    units: Mapping[str, str], stuck: float = 0.0,
+    units: Mapping[str, str], stuck: float = 0.0, bands: Sequence[Sequence[tuple[str, float, float]]] = (),
 ) -> Any:  # fmt: skip
     """States and inputs over time: nominal-only and gap-aware side by side at first, then the latter to its end.
 
@@ -29,6 +29,7 @@ def trajectories_figure(
         shown: run in the simulator by controller; traces: all, for the same start on the nominal model.
         safe: what is outside is shaded; states, inputs and units: names.
         stuck: a run of the simulator that is shorter, s, and does not violate ended without an admissible input.
+        bands: of each state, named intervals that are asked for; none if empty.
     """
     from matplotlib.ticker import MaxNLocator
 
@@ -40,10 +41,16 @@ def trajectories_figure(
     height = 0.8 + 2.3 * len(states) + 1.4 * len(inputs)
     ratios = [2.3] * len(states) + [1.4] * len(inputs)
     figure, axes = style.panels(len(rows), len(columns), height, sharex="col", sharey="row", height_ratios=ratios)
+    runs = [(shown[kind], twin(traces, shown[kind]), until) for kind, until in columns]
+    for j in range(len(states)):
+        ends = [_limits(*run, safe, j) for run in runs]  # a row has one axis
+        axes[j, 0].set_ylim(min(lo for lo, _ in ends), max(hi for _, hi in ends))
+        for name, lo, hi in bands[j] if bands else ():
+            _named(axes[j], name, lo, hi)
     for k, (kind, until) in enumerate(columns):
         trace = shown[kind]
         for j in range(len(states)):
-            _states(axes[j, k], trace, twin(traces, trace), safe, j, until)
+            _states(axes[j, k], *runs[k], safe, j)
             if trace.duration < stuck and not trace.violates:
                 _stopped(axes[j, k], trace, j, COLOURS[kind])
         for j in range(len(inputs)):
@@ -59,9 +66,8 @@ def trajectories_figure(
     return figure
 
 
-def _states(axis: Any, trace: Trace, model: Trace | None, safe: Box, j: int, until: float) -> None:
-    lo, hi = _limits(trace, model, safe, j, until)
-    for side, end in ((safe.lo[j], lo), (safe.hi[j], hi)):
+def _states(axis: Any, trace: Trace, model: Trace | None, until: float, safe: Box, j: int) -> None:
+    for side, end in zip((safe.lo[j], safe.hi[j]), axis.get_ylim(), strict=True):
         if np.isfinite(side):
             axis.axhspan(min(side, end), max(side, end), color=UNSAFE, lw=0, label="unsafe")
             axis.axhline(side, color=style.GREEN, lw=1.2)
@@ -72,10 +78,23 @@ def _states(axis: Any, trace: Trace, model: Trace | None, safe: Box, j: int, unt
     axis.plot(trace.t, trace.x[:, j], color=COLOURS[trace.controller], lw=2.2, label="simulator")
     if trace.violates:
         axis.plot(trace.t[-1], trace.x[-1, j], "X", color=style.BLACK, ms=10, mec="white", zorder=5, label="violation")
-    axis.set(xlim=(0.0, until), ylim=(lo, hi))
+    axis.set_xlim(0.0, until)
 
 
-def _limits(trace: Trace, model: Trace | None, safe: Box, j: int, until: float) -> tuple[float, float]:
+def _named(axes: Sequence[Any], name: str, lo: float, hi: float) -> None:
+    """An interval that is asked for, on the axes of one state, with its name on the last of them."""
+    low, high = axes[0].get_ylim()
+    if low < hi and lo < high:
+        face, edge = style.SURROUNDINGS.target
+        for axis in axes:
+            axis.axhspan(max(lo, low), min(hi, high), facecolor=face, edgecolor=edge, alpha=0.3, zorder=0)
+        axes[-1].annotate(
+            name, (1.0, min(max(lo, low) / 2 + min(hi, high) / 2, high)), xycoords=("axes fraction", "data"),
+            xytext=(3, 0), textcoords="offset points", va="center", fontsize="small",
+        )  # fmt: skip
+
+
+def _limits(trace: Trace, model: Trace | None, until: float, safe: Box, j: int) -> tuple[float, float]:
     """Ends of the axis: the safe interval and the runs, with a margin."""
     seen = [t.x[t.t <= until, j] for t in (trace, model) if t is not None]
     ends = [v for v in (safe.lo[j], safe.hi[j]) if np.isfinite(v)]
