@@ -13,7 +13,7 @@
 #   snakemake --cores 2 two_link                         an arm of two links, reach and avoid in joint space
 #   snakemake --cores 2 two_link_friction                the same with dry friction that its model lacks
 #   snakemake --cores 2 pioneer                          a wheeled robot of another make, through a door into a dock
-#   snakemake --cores 2 tasks                            formulas: a courier for ever, a swing-up, an arm that picks and places
+#   snakemake --cores 2 tasks                            formulas: a courier, a swing-up, an arm that picks and places, a cart-pole
 #   snakemake --cores 2 servo                            a real servo: its recordings, corrected model, bound, controller
 #   snakemake --cores 2 proven                           the pendulum against equations: a bound without estimates
 #   snakemake --report results/report.zip                what is there, every page and figure with its caption, in one file
@@ -136,7 +136,7 @@ rule cart_pole:
 
 rule tasks:
     input:
-        pages("courier") + pages("swing_up") + pages("pick_and_place"),
+        pages("courier") + pages("swing_up") + pages("pick_and_place") + pages("to_and_fro"),
 
 
 rule two_link:

@@ -16,7 +16,7 @@ from typing import Any
 from simgap.config.load import load_case
 
 ROOT = Path(__file__).parents[1]
-CASES = ("courier", "swing_up", "pick_and_place")
+CASES = ("courier", "swing_up", "pick_and_place", "to_and_fro")
 
 
 def row(case: str, results: Path) -> dict[str, Any]:
