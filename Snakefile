@@ -136,7 +136,10 @@ rule cart_pole:
 
 rule tasks:
     input:
-        pages("courier") + pages("swing_up") + pages("pick_and_place") + pages("to_and_fro"),
+        pages("courier")
+        + pages("swing_up")
+        + pages("pick_and_place")
+        + pages("to_and_fro"),
 
 
 rule two_link:
