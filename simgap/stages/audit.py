@@ -7,15 +7,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import reduce
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 
 from simgap import reading
-from simgap.arrays import Floats
 from simgap.attack.campaign import Campaign, WorstStarts, attack_loops
 from simgap.attack.witness import DISTURBANCE, SIMULATOR, Witness
 from simgap.attack.worst_step import (
@@ -31,12 +29,10 @@ from simgap.config.case import Case
 from simgap.config.controller import AuditSection, Trials
 from simgap.config.reads import CONTROLLED
 from simgap.errors import BrokenPromise
-from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapFunction
 from simgap.gap.bounds.load import from_json
 from simgap.gap.noise import NoiseStatement, statement_of
 from simgap.gap.sampling.samples import motion_of
-from simgap.geometry import Grid
 from simgap.io.arrays_on_disk import Mapped, scratch_folder
 from simgap.io.controller_file import load_controller_of
 from simgap.io.gap_file import SavedGap, load_gap
@@ -44,130 +40,14 @@ from simgap.io.results import table, write_json, write_parquet
 from simgap.plants.context import Context
 from simgap.simulators.process import engine_pool
 from simgap.simulators.rollouts import make_simulator
-from simgap.specifications.base import specification_of
 from simgap.specifications.solution import Solution
-from simgap.specifications.space import Space
 from simgap.stages import log
 from simgap.stages.arguments import CasePath, Gap, HowMany, Option, Out, Shards, Workers
 from simgap.stages.gap_inputs import read_samples
 from simgap.stages.validation import tolerated_share
-from simgap.synthesis.input_sets import LARGEST_TABLES, crop, inner, margins, unpack
-from simgap.synthesis.margins import (
-    CAUSES,
-    LARGEST_FACTOR,
-    NOTHING,
-    Margins,
-    Remembered,
-    one_step_margins,
-    shown_layers,
-)
+from simgap.synthesis.margins import CAUSES, LARGEST_FACTOR, NOTHING, Margins, margins_of
 
 SHARES = (0.0, 0.05, 0.5)  # quantiles of the margins that are printed
-LAYERS = 3  # headings that are looked at where classes are remembered: each costs a robot 3 CPU s
-
-
-def margins_of(context: Context, gap: GapFunction, solution: Solution, cell: int | None = None) -> Margins | str:
-    """Margins of the cells in which a run may start, those of some headings where classes of inputs are remembered.
-
-    Of one cell alone where it is given. Where there are none, why: a sentence.
-    """
-    space, sensing = Space.of(context.case), context.case.sensing
-    error = space.vector(sensing.error if sensing else {})
-    sets = len(context.input_set) if solution.late else solution.memory
-    needed = 4 * solution.grid.size * 2 ** len(solution.grid.periodic) * sets
-    if needed > LARGEST_TABLES:
-        return f"Counting how far each of {sets} sets of cells reaches would take {needed / 1e9:.1f} GB."
-    blurred = bool(error.any()) or solution.late
-    if blurred and specification_of(context.case).on_true_cells:
-        return _of_true_cells(context, gap, solution, error)
-    return _of_measured_cells(context, gap, solution, error, cell)
-
-
-def _of_measured_cells(
-    context: Context, gap: GapFunction, solution: Solution, error: Floats, cell: int | None
-) -> Margins:
-    """At what is remembered at a start: the class of a robot at rest, the input that acts first, a task's first state.
-
-    The state of a task that follows depends on the cell, so that cells with the same one are looked at together.
-    """
-    grid, names, first = solution.grid, context.states, solution.first
-    axes, looked_at, only = gap.domain.read, np.ones(grid.size, np.bool_), []
-    if cell is not None:
-        looked_at[:] = np.arange(grid.size) == cell
-    elif solution.kind is not None and axes:
-        layers = shown_layers(grid.cells[axes[-1]], LAYERS)
-        looked_at &= np.isin(np.indices(grid.cells)[axes[-1]].reshape(-1), layers)
-        only += [f"in {len(layers)} of {grid.cells[axes[-1]]} layers of {names[axes[-1]]}"]
-    nodes = solution.served if solution.value is None else solution.value >= 0
-    nodes = nodes.reshape(grid.size, solution.memory)
-    rows = np.arange(grid.size) * solution.memory + first
-    mask = np.ascontiguousarray(solution.admitted(len(context.input_set), rows))
-    about = context.plant.sampled, grid, context.input_set, _after(gap, solution).kernel()
-    begins = specification_of(context.case).fit(Space.of(context.case), grid, error)
-    winning, losing = nodes[:, first] & looked_at, solution.free & begins & ~nodes[:, first] & looked_at
-    states = np.zeros(grid.size, int) if solution.progress is None else solution.progress(first, np.arange(grid.size))
-    parts = []
-    for state in np.unique(states):
-        own = states == state
-        acts, after = solution.step(first, np.arange(len(context.input_set)), int(np.flatnonzero(own)[0]))
-        remembered, kind = np.unique(after, return_inverse=True)
-        late = int(acts) if solution.late else None
-        known = Remembered(nodes[:, remembered], kind.reshape(-1).astype(np.int64), late)
-        parts.append(one_step_margins(*about, winning & own, mask, axes, error, known, losing=losing & own))
-    where = ["where the previous input is of the class of a robot at rest"] if solution.kind is not None else []
-    where += [_first(context, late)] if late is not None else []
-    where += ["where the task begins"] if solution.progress is not None else []
-    return replace(reduce(Margins.joined, parts), only=", ".join([" and ".join(where), *only] if where else only))
-
-
-def _of_true_cells(context: Context, gap: GapFunction, solution: Solution, error: Floats) -> Margins | str:
-    """Margins of cells of the true state that are kept by inputs of the measured ones."""
-    larger, inputs = solution.grid, context.input_set
-    reach = margins(larger, error)
-    grid = _true_grid(context, larger, reach)
-    winning, late = crop(solution.winning, grid, larger), None
-    known = None
-    if solution.late:
-        if solution.acting is None:
-            return "The controller file does not say which inputs may act from which cells: run the synthesis again."
-        late = solution.first
-        acting = unpack(crop(solution.acting, grid, larger), len(inputs)).astype(np.bool_)
-        known = Remembered(acting, np.arange(len(inputs)), acting=late)
-    mask = solution.mask.reshape(larger.size, solution.memory, -1)[:, solution.first]
-    about = context.plant.sampled, grid, inputs, gap.kernel(), winning, np.ascontiguousarray(mask)
-    losing = crop(solution.free, grid, larger) & ~winning
-    found = one_step_margins(*about, gap.domain.read, None, known, reach, losing)
-    only = "" if late is None else _first(context, late)
-
-    def on_measurements(values: Any, outside: Any) -> Any:
-        out = np.full((larger.size, *values.shape[1:]), outside, values.dtype)
-        out.reshape(*larger.cells, *values.shape[1:])[inner(grid, larger)] = values.reshape(
-            *grid.cells, *values.shape[1:]
-        )
-        return out
-
-    sides = on_measurements(found.factor, np.nan), on_measurements(found.extra, np.nan)
-    return Margins(*sides, on_measurements(found.loses_by, NOTHING), only)
-
-
-def _true_grid(context: Context, larger: Grid, reach: tuple[int, ...]) -> Grid:
-    """The cells of the true state within those of its measurements."""
-    space = Space.of(context.case)
-    wide = [0 if j in larger.periodic else 2 * m for j, m in enumerate(reach)]
-    region = specification_of(context.case).region(space)
-    return space.grid(region, [c - w for c, w in zip(larger.cells, wide, strict=True)])
-
-
-def _after(gap: GapFunction, solution: Solution) -> GapFunction:
-    """The bound in the first sample: after an input of the class of a start, where there are classes."""
-    if solution.kind is None or not isinstance(gap, BodyFrameGap) or gap.previous is None:
-        return gap
-    return gap.after(solution.first % (int(solution.kind.max()) + 1))
-
-
-def _first(context: Context, late: int) -> str:
-    values = ", ".join(f"{n} = {u:g}" for n, u in zip(context.inputs, context.input_set[late], strict=True))
-    return f"where the first input, {values}, acts"
 
 
 def summary(context: Context, margins: Margins | str) -> dict[str, Any] | None:

@@ -12,9 +12,9 @@ from simgap.gap.sampling.points import own_point
 from simgap.io.controller_file import load_controller_of
 from simgap.io.gap_file import load_gap
 from simgap.plants.context import Context
-from simgap.stages.audit import margins_of
 from simgap.stages.synthesis import pose_problem
 from simgap.synthesis.explain import why
+from simgap.synthesis.margins import margins_of
 
 
 def run(case: Path, at: Mapping[str, float], results: Path | None = None) -> tuple[str, ...]:

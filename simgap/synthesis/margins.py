@@ -33,25 +33,44 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, reduce
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from simgap.arrays import Bools, Floats, Ints
+from simgap.gap.bounds.body_frame import BodyFrameGap
+from simgap.gap.bounds.function import GapFunction
 from simgap.geometry import Grid, mesh
 from simgap.late import njit
 from simgap.model.kernel_cache import cached_kernel
 from simgap.model.sampled import NominalModel
+from simgap.plants.context import Context
+from simgap.specifications.base import specification_of
+from simgap.specifications.solution import Solution
+from simgap.specifications.space import Space
 from simgap.synthesis.abstraction.cells import count_holes, layout
 from simgap.synthesis.abstraction.post import Frame, Kernel, cell_box, image, to_cells, without_ends
-from simgap.synthesis.input_sets import crop, every_input, padded, to_bytes, to_words, window_and
+from simgap.synthesis.input_sets import (
+    LARGEST_TABLES,
+    crop,
+    every_input,
+    inner,
+    padded,
+    to_bytes,
+    to_words,
+    unpack,
+    window_and,
+)
+from simgap.synthesis.input_sets import margins as cells_of_error
 
 LARGEST_FACTOR = 1e4
 """Factors are looked for up to here; a margin that reaches it is at least that."""
 RESOLUTION = 2e-3
 """Relative accuracy of a margin, which is rounded down."""
+LAYERS = 3
+"""Headings that are looked at where classes are remembered: each costs a robot 3 CPU s."""
 NEAR, FAR = 1.02, 3.0
 """Steps, as ratios, in which a size is looked for around that of the cell before: the first, squared from one to the
 next, until it is larger than the second."""
@@ -452,3 +471,107 @@ def _rounded_down(values: Floats) -> NDArray[np.float32]:
 def _offsets(grid: Grid, axes: tuple[int, ...]) -> Ints:
     """Indices along `axes` of all cells that differ along these alone: (k, nx)."""
     return mesh(*(np.arange(c if j in axes else 1) for j, c in enumerate(grid.cells)))
+
+
+def margins_of(context: Context, gap: GapFunction, solution: Solution, cell: int | None = None) -> Margins | str:
+    """Margins of the cells in which a run may start, those of some headings where classes of inputs are remembered.
+
+    Of one cell alone where it is given. Where there are none, why: a sentence.
+    """
+    space, sensing = Space.of(context.case), context.case.sensing
+    error = space.vector(sensing.error if sensing else {})
+    sets = len(context.input_set) if solution.late else solution.memory
+    needed = 4 * solution.grid.size * 2 ** len(solution.grid.periodic) * sets
+    if needed > LARGEST_TABLES:
+        return f"Counting how far each of {sets} sets of cells reaches would take {needed / 1e9:.1f} GB."
+    blurred = bool(error.any()) or solution.late
+    if blurred and specification_of(context.case).on_true_cells:
+        return _of_true_cells(context, gap, solution, error)
+    return _of_measured_cells(context, gap, solution, error, cell)
+
+
+def _of_measured_cells(
+    context: Context, gap: GapFunction, solution: Solution, error: Floats, cell: int | None
+) -> Margins:
+    """At what is remembered at a start: the class of a robot at rest, the input that acts first, a task's first state.
+
+    The state of a task that follows depends on the cell, so that cells with the same one are looked at together.
+    """
+    grid, names, first = solution.grid, context.states, solution.first
+    axes, looked_at, only = gap.domain.read, np.ones(grid.size, np.bool_), []
+    if cell is not None:
+        looked_at[:] = np.arange(grid.size) == cell
+    elif solution.kind is not None and axes:
+        layers = shown_layers(grid.cells[axes[-1]], LAYERS)
+        looked_at &= np.isin(np.indices(grid.cells)[axes[-1]].reshape(-1), layers)
+        only += [f"in {len(layers)} of {grid.cells[axes[-1]]} layers of {names[axes[-1]]}"]
+    nodes = solution.served if solution.value is None else solution.value >= 0
+    nodes = nodes.reshape(grid.size, solution.memory)
+    rows = np.arange(grid.size) * solution.memory + first
+    mask = np.ascontiguousarray(solution.admitted(len(context.input_set), rows))
+    about = context.plant.sampled, grid, context.input_set, _after(gap, solution).kernel()
+    begins = specification_of(context.case).fit(Space.of(context.case), grid, error)
+    winning, losing = nodes[:, first] & looked_at, solution.free & begins & ~nodes[:, first] & looked_at
+    states = np.zeros(grid.size, int) if solution.progress is None else solution.progress(first, np.arange(grid.size))
+    parts = []
+    for state in np.unique(states):
+        own = states == state
+        acts, after = solution.step(first, np.arange(len(context.input_set)), int(np.flatnonzero(own)[0]))
+        remembered, kind = np.unique(after, return_inverse=True)
+        late = int(acts) if solution.late else None
+        known = Remembered(nodes[:, remembered], kind.reshape(-1).astype(np.int64), late)
+        parts.append(one_step_margins(*about, winning & own, mask, axes, error, known, losing=losing & own))
+    where = ["where the previous input is of the class of a robot at rest"] if solution.kind is not None else []
+    where += [_first(context, late)] if late is not None else []
+    where += ["where the task begins"] if solution.progress is not None else []
+    return replace(reduce(Margins.joined, parts), only=", ".join([" and ".join(where), *only] if where else only))
+
+
+def _of_true_cells(context: Context, gap: GapFunction, solution: Solution, error: Floats) -> Margins | str:
+    """Margins of cells of the true state that are kept by inputs of the measured ones."""
+    larger, inputs = solution.grid, context.input_set
+    reach = cells_of_error(larger, error)
+    grid = _true_grid(context, larger, reach)
+    winning, late = crop(solution.winning, grid, larger), None
+    known = None
+    if solution.late:
+        if solution.acting is None:
+            return "The controller file does not say which inputs may act from which cells: run the synthesis again."
+        late = solution.first
+        acting = unpack(crop(solution.acting, grid, larger), len(inputs)).astype(np.bool_)
+        known = Remembered(acting, np.arange(len(inputs)), acting=late)
+    mask = solution.mask.reshape(larger.size, solution.memory, -1)[:, solution.first]
+    about = context.plant.sampled, grid, inputs, gap.kernel(), winning, np.ascontiguousarray(mask)
+    losing = crop(solution.free, grid, larger) & ~winning
+    found = one_step_margins(*about, gap.domain.read, None, known, reach, losing)
+    only = "" if late is None else _first(context, late)
+
+    def on_measurements(values: Any, outside: Any) -> Any:
+        out = np.full((larger.size, *values.shape[1:]), outside, values.dtype)
+        out.reshape(*larger.cells, *values.shape[1:])[inner(grid, larger)] = values.reshape(
+            *grid.cells, *values.shape[1:]
+        )
+        return out
+
+    sides = on_measurements(found.factor, np.nan), on_measurements(found.extra, np.nan)
+    return Margins(*sides, on_measurements(found.loses_by, NOTHING), only)
+
+
+def _true_grid(context: Context, larger: Grid, reach: tuple[int, ...]) -> Grid:
+    """The cells of the true state within those of its measurements."""
+    space = Space.of(context.case)
+    wide = [0 if j in larger.periodic else 2 * m for j, m in enumerate(reach)]
+    region = specification_of(context.case).region(space)
+    return space.grid(region, [c - w for c, w in zip(larger.cells, wide, strict=True)])
+
+
+def _after(gap: GapFunction, solution: Solution) -> GapFunction:
+    """The bound in the first sample: after an input of the class of a start, where there are classes."""
+    if solution.kind is None or not isinstance(gap, BodyFrameGap) or gap.previous is None:
+        return gap
+    return gap.after(solution.first % (int(solution.kind.max()) + 1))
+
+
+def _first(context: Context, late: int) -> str:
+    values = ", ".join(f"{n} = {u:g}" for n, u in zip(context.inputs, context.input_set[late], strict=True))
+    return f"where the first input, {values}, acts"

@@ -15,8 +15,7 @@ from simgap.geometry import Box, Grid
 from simgap.plants.context import Context
 from simgap.simulators.body_samples import REST, BodySamples
 from simgap.specifications.solution import Solution
-from simgap.stages import audit
-from simgap.stages.audit import margins_of
+from simgap.synthesis.margins import margins_of
 
 FRICTION = [{"name": "coulomb_friction", "on": "hinge", "parameters": {"F_c": 0.01}}]
 
@@ -135,5 +134,5 @@ def test_margins_that_cannot_be_had_say_why(vary, monkeypatch):
     every, mask = np.ones(grid.size, np.bool_), np.full((grid.size * count, 4), 255, np.uint8)
     solution = Solution(grid, every, mask, every, memory=count, late=True)
     assert "run the synthesis again" in margins_of(context, None, solution)
-    monkeypatch.setattr(audit, "LARGEST_TABLES", 1000)
+    monkeypatch.setattr("simgap.synthesis.margins.LARGEST_TABLES", 1000)
     assert "25 sets of cells reaches would take 0.0 GB" in margins_of(context, None, solution)

@@ -26,8 +26,8 @@ from simgap.simulators.rollouts import roll_out
 from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
 from simgap.stages import synthesis, validation
-from simgap.stages.audit import margins_of
 from simgap.stages.validation import draw_starts
+from simgap.synthesis.margins import margins_of
 from tests.gap.fit_in_memory import GapSamples, fit_gap
 from tests.synthesis.test_margins import check
 
