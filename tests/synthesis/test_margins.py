@@ -1,11 +1,15 @@
 """One-step margins against their definition: the abstraction with a gap that has grown by that much."""
 
 import itertools
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from simgap.geometry import Box, Grid
+from simgap.plants.context import Context
+from simgap.stages.synthesis import pose_problem
 from simgap.synthesis.abstraction.nominal import nominal_abstraction
 from simgap.synthesis.games.invariance import invariance
 from simgap.synthesis.games.reach import reach_avoid
@@ -17,9 +21,11 @@ from simgap.synthesis.margins import (
     LARGEST_FACTOR,
     NOTHING,
     Remembered,
+    margins_of,
     one_step_margins,
     shown_layers,
 )
+from simgap.synthesis.synthesise import synthesise
 from tests.synthesis import synthesis_plants as plants
 
 
@@ -209,3 +215,37 @@ def test_margins_of_true_cells_are_the_least_over_their_measurements(acting):
         check(model, grid, inputs, gap, sets, mask, found, cells, 2, kind, acting, reach)
         checked, lost = checked + len(cells), lost + int(inside.sum()) - sum(kept)
     assert min(checked, lost) > 100
+
+
+@pytest.mark.parametrize(("tau", "formula"), [("0.05 s", "G F left & G F right"), ("0.05 s", "!left U right")])
+def test_margins_of_a_task_are_those_of_the_states_that_follow_its_letters(vary, tau, formula):
+    """Cells whose letter moves the task on are looked at with the sets of the state that it moves on to."""
+    regions = {"left": {"x1": [-0.15, -0.05]}, "right": {"x1": [0.05, 0.15]}}
+    task = {"kind": "task", "formula": formula, "regions": regions}
+    changes = {"domain.tau": tau, "synthesis.cells": [60, 40], "synthesis.specification": task}
+    context = Context.load(vary("pendulum", changes))
+    gap = plants.constant_gap(2e-3, 2e-2)
+    problem = replace(pose_problem(context, None)[0], gap=gap)
+    solution = synthesise(problem)
+    grid, progress, model = solution.grid, solution.progress, context.plant.sampled
+    bound = SimpleNamespace(kernel=lambda: gap, domain=SimpleNamespace(read=(0, 1)))
+    found = margins_of(context, bound, solution)
+    begins = solution.at_first(solution.served) & solution.winning
+    assert np.array_equal(found.factor >= 1.0, begins)
+    assert 0.1 < begins.mean() < 0.95
+    assert found.only == "where the task begins"
+    following = progress(solution.first, np.arange(grid.size))
+    nodes = (solution.value >= 0).reshape(grid.size, solution.memory)
+    mask = solution.admitted(len(context.input_set), np.arange(grid.size) * solution.memory + solution.first)
+    rng, zeros = np.random.default_rng(5), np.zeros(len(context.input_set), np.int64)
+    for state in np.unique(following[begins]):
+        sets = nodes[:, [state]]
+        about = (model, grid, context.input_set, gap, sets)
+        check(*about, mask, found, rng.permutation(np.flatnonzero(begins & (following == state)))[:15], 2, zeros)
+        for cell in np.flatnonzero((found.loses_by == GAMMA) & (following == state))[:15]:
+            every, factor = np.full_like(mask, 255), float(found.factor[cell])
+            assert within(*about, every, cell, factor * (1 - 1e-6), kind=zeros)
+            assert not within(*about, every, cell, min(1.0, factor * (1 + 4.5e-3) + 1e-6), 1e-9, zeros)
+    letters = problem.specification.fit(problem.space, grid, np.zeros(2))
+    assert np.array_equal(found.loses_by != NOTHING, letters & ~nodes[:, solution.first])
+    assert letters.all() == formula.startswith("G F")
