@@ -96,7 +96,7 @@ def test_histories_are_those_that_were_run_whatever_the_length_of_their_sequence
     count, rng = len(robot.input_set), np.random.default_rng(1)
     assert robot.case.hidden_state.chain_length > 5
     own = sequences(40, 5, count, rng)
-    gap = BodyFrameGap(domain_of(robot), (), -np.ones((count, 3)), np.ones((count, 3)))
+    gap = BodyFrameGap(domain_of(robot), (), -np.ones((1, count, 3)), np.ones((1, count, 3)))
     table = step_columns(robot.case, robot.input_set, own)
     found = worst_histories(robot, gap, np.zeros((count, 3)), [table], 4)
     ran = {tuple(row) for row in own.m.reshape(40, 5).tolist()}
@@ -114,7 +114,7 @@ def test_a_step_is_held_against_the_class_of_what_was_recorded_before_it(robot):
     wide, narrow = np.ones((count, 3)), np.full((count, 3), 0.1)
     classes = PreviousClasses(kind, 1)
     upper = np.stack([wide, narrow])
-    gap = BodyFrameGap.of_classes(domain_of(robot), (), -upper, upper, classes)
+    gap = BodyFrameGap(domain_of(robot), (), -upper, upper, classes=classes)
     own = sequences(60, 5, count, rng)
     moved = BodySamples(own.m, own.final + 0.05, own.extent, own.previous)
     table = step_columns(robot.case, robot.input_set, moved)

@@ -187,7 +187,7 @@ def test_hulls_and_fading_by_their_definitions():
 def test_a_body_frame_bound_is_rounded_outward_in_the_heading_too():
     lower, upper = np.full((2, 3), -0.1), np.full((2, 3), 0.2)
     domain = GapDomain(("x", "y", "t"), ("u",), Box([0, 0, -3], [10, 10, 3]), U, (0, 1))
-    lo, hi = BodyFrameGap(domain, TIER, lower, upper).bounds(np.array([[1.0, 2.0, 0.3]]), U[:1])
+    lo, hi = BodyFrameGap(domain, TIER, lower[None], upper[None]).bounds(np.array([[1.0, 2.0, 0.3]]), U[:1])
     assert lo[0, 2] < -0.1
     assert hi[0, 2] > 0.2
 

@@ -104,7 +104,7 @@ def assemble_hulls(
     tiers = _widening_tier(states, hulls[0], memory, excess, margin, searched), deviation.tier(states)
     added = path_margin + (float(np.max(deviation.largest[list(pose[:2])])) + robot.between_poses)
     table = replace(hull, lower=lower - raised, upper=upper + raised, swept=(lo - added, hi + added))
-    gap = BodyFrameGap.of_classes(robot.domain, tiers, table.lower, table.upper, robot.classes, pose)
+    gap = BodyFrameGap(robot.domain, tiers, table.lower, table.upper, pose, robot.classes)
     return HiddenStateFit(gap, table, largest, excess, margin, memory, deviation, searched)
 
 
