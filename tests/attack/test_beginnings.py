@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from simgap.attack.worst_step import GapProblem, PointSearch, worst_histories
+from simgap.attack.worst_step import GapProblem, search_points, worst_histories
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain
 from simgap.gap.bounds.previous import PreviousClasses
@@ -49,7 +49,7 @@ def test_a_jump_at_rest_is_found_where_a_case_switches_there(vary):
     assert (q.places[:, 1] == 0.0).sum() > 2
     assert (np.abs(q.places[:, 1]) < 1e-8).sum() == 3 * (q.places[:, 1] == 0.0).sum()
     assert len(q.places) < 2500
-    found = PointSearch(q, 4000, np.random.default_rng(0)).run(np.empty((0, 2)), np.empty(0, np.int64))
+    found = search_points(q, 4000, np.random.default_rng(0), np.empty((0, 2)), np.empty(0, np.int64))
     assert found.violations > 0
 
 
@@ -68,13 +68,12 @@ def test_what_is_known_is_not_crowded_out_by_places():
         return np.full(x.shape, -1.0), np.full(x.shape, 1.0)
 
     q = GapProblem(successors, lambda x, u: x, bounds, box, inputs, places=places)
-    search = PointSearch(q, 100, np.random.default_rng(0))
     known = np.linspace(0.6, 1.0, 50)[:, None]
-    search._beginnings(known, np.zeros(50, np.int64))
-    (x,) = seen
-    assert len(x) == 30
+    search_points(q, 100, np.random.default_rng(0), known, np.zeros(50, np.int64))
+    x = seen[0]
     assert np.array_equal(x[:15], known[:15])
-    assert (x[15:] <= 0.4).all()
+    assert (x[15:30] <= 0.4).all()
+    assert sum(map(len, seen)) == 100
 
 
 @pytest.fixture
