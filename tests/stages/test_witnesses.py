@@ -11,12 +11,12 @@ from simgap.attack.worst_step import HistoryProblem, search_histories
 from simgap.config.load import case_content
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain, Tier
-from simgap.io.rerun.closed_loop import read_curves
 from simgap.io.results import write_json
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.rollouts import make_simulator
 from simgap.stages import replay
+from tests.io.recorded import read_curves
 
 
 @pytest.mark.parametrize("order", [("x", "y", "theta"), ("theta", "x", "y")])

@@ -47,14 +47,16 @@ class Tried:
 class SearchSpace(Protocol):
     """Where a directed search looks."""
 
-    patience: int
-    """Rounds without a better score after which a lineage starts anew."""
+    @property
+    def patience(self) -> int:
+        """Rounds without a better score after which a lineage starts anew."""
 
     def draw(self, n: int, rng: np.random.Generator) -> Points:
         """Random points."""
 
-    def moved(self, *points: Any, rng: np.random.Generator) -> Points:
-        """As many points near these."""
+    @property
+    def moved(self) -> Callable[..., Points]:
+        """Coordinates of points, `rng` -> as many points near these."""
 
 
 @dataclass(frozen=True)
@@ -138,6 +140,8 @@ def _chosen(rows: Bools, these: Points, those: Points) -> Points:
     return tuple(np.where(rows.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs)
 
 
+SEARCH_LENGTH = 2
+"""Inputs before the present one in a search that widens the bound or tries to break it."""
 Steps = Callable[[Ints, Floats], BodySamples]
 """Numbers of inputs (n, L) and headings (n,) -> the last step of each."""
 
