@@ -145,7 +145,7 @@ def main() -> None:
     rows: dict[str, Any] = {}
     print(f"{len(d):,} roll-outs, {len(drawn[0]):,} fresh steps, largest gap {largest}", flush=True)
     for name, (lower, upper) in variants(context, (default.lower, default.upper), bare, (still, still)).items():
-        gap = BodyFrameGap(default.domain, (), lower, upper, default.pose)
+        gap = BodyFrameGap(default.domain, (), lower[None], upper[None], default.pose)
         rows[name] = row = row_of(context, problem, gap, largest, drawn, workers)
         sizes = "".join(f"{row[s]['sup']:>10.3g}{row[s]['mean_width']:>10.3g}" for s in context.states)
         print(f"{name:44}{sizes}{row['winning']:>9.4f}{row['violations']:>7}", flush=True)

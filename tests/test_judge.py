@@ -32,7 +32,7 @@ def model():
 
 def gap(size):
     domain = GapDomain(("x", "y", "t"), ("v",), BOX, INPUTS, (0, 1))
-    return BodyFrameGap(domain, (), np.full((2, 3), -size), np.full((2, 3), size))
+    return BodyFrameGap(domain, (), np.full((1, 2, 3), -size), np.full((1, 2, 3), size))
 
 
 def corridor(levels):
@@ -94,7 +94,7 @@ def test_a_step_is_held_against_the_bound_after_the_input_before_it_and_not_its_
     inputs = np.array([[-1.0], [0.0], [1.0]])
     sizes = np.array([0.1, 0.3, 0.5])[:, None, None] * np.ones((3, 3, 3))  # after -1, after rest or 0, after 1
     domain = GapDomain(("x", "y", "t"), ("v",), BOX, inputs, (0, 1))
-    bound = BodyFrameGap.of_classes(domain, (), -sizes, sizes, PreviousClasses.of(inputs, (3,)))
+    bound = BodyFrameGap(domain, (), -sizes, sizes, classes=PreviousClasses.of(inputs, (3,)))
     around = Surroundings.of(SPACE, (), BOX, np.zeros(3))
     solution = corridor([5, 4, 3, 2, 1, 0])
     judge = Judge(SPACE, Arriving(SPACE, BOX, around, solution), 20, inputs, model(), bound)

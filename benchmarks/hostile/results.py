@@ -69,7 +69,7 @@ def _gaps() -> tuple[str, ...]:
     made = (
         LinearGap.unsigned(domain, tiers, [form, form]),
         CellGap(domain, tiers, edges, nodes, low, -low, np.full((2, 2), 0.01)),
-        BodyFrameGap(floor, tiers, np.full((3, 3), -0.1), np.full((3, 3), 0.1)),
+        BodyFrameGap(floor, tiers, np.full((1, 3, 3), -0.1), np.full((1, 3, 3), 0.1)),
     )
     for gap in made[:2]:  # compiled here, before an alarm is set
         gap.bounds(np.zeros((1, 2)), inputs[:1])

@@ -1,13 +1,11 @@
 """Search for the worst step of a simulator: over states and inputs, and over histories where it remembers.
 
-Over states and inputs climbers move along axes and at random, each with a step of its own that halves when nothing near
-is worse, and begin again elsewhere when it is small (a pattern search with restarts: Hooke & Jeeves 1961). Part of the
-budget goes to differential evolution (Storn & Price 1997, SciPy), which needs no good place to begin. All work on
-batches, so that the cost is that of the simulator.
+Both are the directed search of the bound itself (`gap.memory.search`): points are followed side by side, a changed one
+is kept where it is worse, and what finds nothing worse for long begins anew. Over states and inputs a change is a step
+along an axis or in all of them, from a tenth of X to a ten-millionth of it, or another input.
 
 Of a robot with hidden state a candidate is a sequence of inputs from rest at a heading. Every step of it is compared
-with the bound in the robot's own frame, and counts. The search is that of the bound itself (`gap.memory.search`), on
-another objective.
+with the bound in the robot's own frame, and counts.
 
 What all of them look for is the `share` of a bound's width by which a gap lies outside it; a `SearchRecord` keeps what
 they find.
@@ -18,6 +16,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -112,9 +111,10 @@ class SearchRecord:
         return out
 
 
-CLIMBERS = 64
-LARGEST_STEP, SMALLEST_STEP = 0.1, 1e-7  # shares of the width of X
-EVOLVED = 0.15  # share of the budget
+LINEAGES, HISTORIES = 64, 12
+"""Points that are followed side by side: of states and inputs, and of histories."""
+DECADES = 0.1, 6.0
+"""Largest step of a state, as a share of the width of X, and over how many powers of ten steps are drawn below it."""
 BEGINNING = 0.3  # most of the budget that goes to looking at the places to begin
 BINS = 6  # along each axis of X; known steps of one bin are taken in turns with those of others
 WORST, WORST_SEQUENCES = 2_000, 200  # known steps, and sequences of them: the worst of each table of samples
@@ -149,139 +149,69 @@ class GapProblem:
         return GapProblem(simulator.spread, step, gap.bounds, context.box, context.input_set, places, domain.free)
 
 
-class PointSearch:
-    """A search with a budget; `found` is what it brings home."""
+@dataclass(frozen=True, eq=False)
+class StatesAndInputs:
+    """Search space X x U: states, and the number of an input."""
 
-    def __init__(self, question: GapProblem, budget: int, rng: np.random.Generator) -> None:
-        self.q, self.budget, self.rng = question, budget, rng
-        self.found = SearchRecord()
-        self.width = question.box.hi - question.box.lo
-        self._near = neighbours(question.inputs)
-        self._axes = [j for j in range(question.box.size) if j not in question.free]
+    box: Box
+    inputs: Floats
+    free: tuple[int, ...] = ()
+    patience: int = 60
 
-    @property
-    def left(self) -> int:
-        """Evaluations left."""
-        return self.budget - self.found.evaluations
+    def draw(self, n: int, rng: np.random.Generator) -> tuple[Floats, Ints]:
+        """Random points, each coordinate at an end of X every third time: (n, nx), (n,)."""
+        x = self.box.sample(rng, n)
+        ends = np.where(rng.integers(0, 2, x.shape) == 1, self.box.hi, self.box.lo)
+        pinned = rng.integers(0, 3, x.shape) == 0
+        pinned[:, list(self.free)] = False
+        return np.where(pinned, ends, x), rng.integers(0, len(self.inputs), n)
 
-    def run(self, x: Floats, m: Ints) -> SearchRecord:
-        """Spend the budget, beginning at states (n, nx) and inputs (n,) that are known to be bad, worst first."""
-        self.evolve(int(EVOLVED * self.budget))
-        x, m, shares = self._beginnings(x, m)
-        self._climb(x, m, shares)
-        return self.found
+    def moved(self, x: Floats, m: Ints, *, rng: np.random.Generator) -> tuple[Floats, Ints]:
+        """The same points, each moved along an axis, along all of them, or with another input, (n, nx), (n,)."""
+        n, nx = x.shape
+        largest, decades = DECADES
+        size = largest * 10.0 ** -rng.uniform(0.0, decades, (n, 1)) * (self.box.hi - self.box.lo)
+        kind = rng.integers(0, 3, n)
+        along = (kind == 1)[:, None] | ((kind == 0)[:, None] & (rng.integers(0, nx, (n, 1)) == np.arange(nx)))
+        along[:, list(self.free)] = False
+        x = np.clip(x + np.where(along, size * rng.standard_normal(x.shape), 0.0), self.box.lo, self.box.hi)
+        near = self._near[m, rng.integers(0, self._near.shape[1], n)]
+        other = np.where(rng.integers(0, 2, n) == 0, near, rng.integers(0, len(self.inputs), n))
+        return x, np.where(kind == 2, other, m)
 
-    def evaluate(self, x: Floats, m: Ints, kind: str) -> Floats:
-        """Shares of steps: (n, nx), (n,) -> (n,); those beyond the budget are not taken and count as -inf."""
-        count = min(len(x), max(self.left, 0))
-        out = np.full(len(x), -np.inf)
-        if count == 0:
-            return out
-        x, m = x[:count], m[:count]
-        u = self.q.inputs[m]
-        least, largest = self.q.successors(x, u)
-        predicted = self.q.step(x, u)
-        least, largest = least - predicted, largest - predicted
-        lo, hi = self.q.bounds(x, u)
-        out[:count] = share(least, largest, lo, hi)
+    @cached_property
+    def _near(self) -> Ints:
+        """For each input those nearest to it, two for each component in shares of its range, or itself: (M, k)."""
+        scale = np.maximum(np.ptp(self.inputs, axis=0), 1e-300)
+        far = (((self.inputs[:, None] - self.inputs[None]) / scale) ** 2).sum(axis=2)
+        return np.argsort(far, axis=1, kind="stable")[:, : 1 + 2 * self.inputs.shape[1]].astype(np.int64)
+
+
+def search_points(question: GapProblem, budget: int, rng: np.random.Generator, x: Floats, m: Ints) -> SearchRecord:
+    """Spend the budget, beginning at states (n, nx) and inputs (n,) that are known to be bad, worst first."""
+    q, found = question, SearchRecord()
+    kinds = iter(["worst known steps, border of X, switching surfaces, drawn steps"])
+
+    def score(x: Floats, m: Ints) -> Floats:
+        u = q.inputs[m]
+        predicted, (lo, hi) = q.step(x, u), q.bounds(x, u)
+        least, largest = (own - predicted for own in q.successors(x, u))
+        shares = share(least, largest, lo, hi)
 
         def step(k: int) -> GapStep:
             d = np.where(largest[k] - hi[k] >= lo[k] - least[k], largest[k], least[k])
-            return GapStep(float(out[k]), x[k].copy(), u[k].copy(), d, lo[k].copy(), hi[k].copy())
+            return GapStep(float(shares[k]), x[k].copy(), u[k].copy(), d, lo[k].copy(), hi[k].copy())
 
-        self.found.see(kind, out[:count], step)
-        return out
+        found.see(next(kinds, "climbing"), shares, step)
+        return shares
 
-    def _beginnings(self, x: Floats, m: Ints) -> tuple[Floats, Ints, Floats]:
-        """Known bad steps and all places under all inputs, worst first; no more than a share of the budget."""
-        places, count = self.q.places, len(self.q.inputs)
-        most, every = int(BEGINNING * self.budget), len(places) * count
-        known = min(len(x), max(most // 2, most - every))
-        rows = np.sort(self.rng.choice(every, min(every, most - known), replace=False))
-        x, m = np.concatenate([x[:known], places[rows // count]]), np.concatenate([m[:known], rows % count])
-        shares = self.evaluate(x, m, "worst known steps, border of X, switching surfaces")
-        order = np.argsort(-shares, kind="stable")
-        return x[order], m[order], shares[order]
-
-    def _climb(self, x: Floats, m: Ints, shares: Floats) -> None:
-        """Climbers from these, in order, then from random places."""
-        own_x, own_m, own = self._beginners(x, m, shares, CLIMBERS)
-        size, taken = np.full(CLIMBERS, LARGEST_STEP), CLIMBERS
-        while self.left > 0:
-            tried_x, tried_m = self._proposals(own_x, own_m, size)
-            tried = self.evaluate(tried_x.reshape(-1, self.q.box.size), tried_m.ravel(), "climbing")
-            tried = tried.reshape(CLIMBERS, -1)
-            best = np.argmax(tried, axis=1)
-            every = np.arange(CLIMBERS)
-            better = tried[every, best] > own
-            own_x = np.where(better[:, None], tried_x[every, best], own_x)
-            own_m, own = np.where(better, tried_m[every, best], own_m), np.where(better, tried[every, best], own)
-            size = np.where(better, np.minimum(1.6 * size, LARGEST_STEP), 0.4 * size)
-            done = np.flatnonzero(size < SMALLEST_STEP)
-            if len(done):
-                left = x[taken:], m[taken:], shares[taken:]
-                own_x[done], own_m[done], own[done] = self._beginners(*left, len(done))
-                size[done], taken = LARGEST_STEP, taken + len(done)
-
-    def _beginners(self, x: Floats, m: Ints, shares: Floats, count: int) -> tuple[Floats, Ints, Floats]:
-        """States, inputs and shares of so many climbers: the first of these, and random ones where there are fewer."""
-        more_x, more_m = self._random(max(0, count - len(x)))
-        more = self.evaluate(more_x, more_m, "climbing")
-        places = np.concatenate([x[:count], more_x]), np.concatenate([m[:count], more_m])
-        return *places, np.concatenate([shares[:count], more])
-
-    def _proposals(self, x: Floats, m: Ints, size: Floats) -> tuple[Floats, Ints]:
-        """Moves both ways along each axis, one at random, to neighbouring inputs, to any input: (P, K, nx), (P, K)."""
-        moves, inputs = [], []
-        for j in self._axes:
-            for sign in (-1.0, 1.0):
-                to = x.copy()
-                to[:, j] += sign * size * self.width[j]
-                moves.append(to)
-                inputs.append(m)
-        to = x + self.rng.standard_normal(x.shape) * size[:, None] * self.width
-        to[:, list(self.q.free)] = x[:, list(self.q.free)]
-        moves.append(to)
-        inputs.append(m)
-        for k in range(self._near.shape[1]):
-            moves.append(x)
-            inputs.append(self._near[m, k])
-        moves.append(x)
-        inputs.append(self.rng.integers(0, len(self.q.inputs), len(m)))
-        return np.clip(np.stack(moves, axis=1), self.q.box.lo, self.q.box.hi), np.stack(inputs, axis=1)
-
-    def _random(self, count: int) -> tuple[Floats, Ints]:
-        x = pinned_to_border(self.q.box, self.rng, count, self.q.free)
-        return x, self.rng.integers(0, len(self.q.inputs), count)
-
-    def evolve(self, budget: int) -> None:
-        """Differential evolution over X and the number of the input, in one batch a generation."""
-        from scipy.optimize import differential_evolution
-
-        box, count = self.q.box, len(self.q.inputs)
-        people = 15 * (box.size + 1)
-        rounds = budget // people - 1
-        if rounds < 1:
-            return
-        bounds = [*zip(box.lo, box.hi, strict=True), (0, count - 1)]
-
-        def cost(population: Floats) -> Floats:  # (nx + 1, S)
-            x, m = np.clip(population[:-1].T, box.lo, box.hi), np.rint(population[-1]).astype(np.int64)
-            return -self.evaluate(np.ascontiguousarray(x), np.clip(m, 0, count - 1), "differential evolution")
-
-        differential_evolution(
-            cost, bounds, maxiter=rounds, popsize=15, tol=0.0, atol=-1.0, rng=self.rng, polish=False,
-            integrality=[False] * box.size + [True], vectorized=True, updating="deferred", init="sobol",
-        )  # fmt: skip
-
-
-def neighbours(inputs: Floats) -> Ints:
-    """For each input those nearest to it, two for each component, each component in shares of its range: (M, k)."""
-    scale = np.maximum(inputs.max(axis=0) - inputs.min(axis=0), 1e-300)
-    count = min(2 * inputs.shape[1], len(inputs) - 1)
-    far = (((inputs[:, None] - inputs[None]) / scale) ** 2).sum(axis=2)
-    np.fill_diagonal(far, np.inf)
-    return np.argsort(far, axis=1, kind="stable")[:, :count].astype(np.int64)
+    places, count = q.places, len(q.inputs)
+    most, every = int(BEGINNING * budget), len(places) * count
+    known = min(len(x), max(most // 2, most - every))
+    rows = np.sort(rng.choice(every, min(every, most - known), replace=False))
+    seeds = np.concatenate([x[:known], places[rows // count]]), np.concatenate([m[:known], rows % count])
+    directed_search(score, StatesAndInputs(q.box, q.inputs, q.free), budget, rng, LINEAGES, seeds)
+    return found
 
 
 def worst_first(box: Box, x: Floats, shares: Floats, count: int) -> Ints:
@@ -302,15 +232,6 @@ def worst_first(box: Box, x: Floats, shares: Floats, count: int) -> Ints:
     return np.lexsort((-shares, rank))[:count]
 
 
-def pinned_to_border(box: Box, rng: np.random.Generator, count: int, free: tuple[int, ...] = ()) -> Floats:
-    """Random points with each coordinate at an end of X every third time: (count, nx)."""
-    x = box.sample(rng, count)
-    ends = np.where(rng.integers(0, 2, x.shape) == 1, box.hi, box.lo)
-    pinned = rng.integers(0, 3, x.shape) == 0
-    pinned[:, list(free)] = False
-    return np.where(pinned, ends, x)
-
-
 def worst_steps(context: Context, gap: GapFunction, tables: Sequence[Columns]) -> tuple[Floats, Ints]:
     """States (n, nx) and input numbers (n,) of the worst steps of some tables of roll-outs, worst first."""
     found = []
@@ -322,9 +243,6 @@ def worst_steps(context: Context, gap: GapFunction, tables: Sequence[Columns]) -
     x, u, shares = (np.concatenate(part) for part in zip(*found, strict=True))
     order = worst_first(context.box, x, shares, WORST)
     return x[order], nearest_inputs(context.input_set, u[order])
-
-
-LINEAGES = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -369,7 +287,7 @@ def search_histories(question: HistoryProblem, budget: int, rng: np.random.Gener
     grid, found, size = InputGrid.of(question.inputs), SearchRecord(), question.length + 1
     sequences = -(-budget // size)
     known = known[: sequences // 2]
-    kinds = iter(["worst known histories"] * len(known) + ["drawn histories"] * max(LINEAGES, sequences // 4))
+    kinds = iter(["worst known histories"] * len(known) + ["drawn histories"] * max(HISTORIES, sequences // 4))
     climbing = "climbing over histories and headings"
 
     def score(values: Ints, headings: Floats) -> Floats:
@@ -380,7 +298,7 @@ def search_histories(question: HistoryProblem, budget: int, rng: np.random.Gener
         )
 
     seeds = grid.values(known), rng.uniform(-np.pi, np.pi, len(known))
-    directed_search(score, Histories(grid.counts, size), sequences, rng, LINEAGES, seeds)
+    directed_search(score, Histories(grid.counts, size), sequences, rng, HISTORIES, seeds)
     return found
 
 

@@ -100,18 +100,12 @@ class HiddenStateSection(Section):
     seed: int = Field(2, ge=0)
     """Seed of the random input sequences."""
     fresh_samples: int = Field(20_000, ge=1)
-    """Steps of other random sequences, on which the bound is checked; they are not used in any bound."""
-    fresh_length: int = Field(5, ge=2)
-    """Samples in each fresh sequence: sequences are independent, steps of one are not."""
+    """Steps of other random sequences, five each, on which the bound is checked; they are not used in any bound."""
     fresh_seed: int = Field(11, ge=0)
     """Seed of the fresh sequences."""
     search: int = Field(2000, ge=0)
     """Steps of a directed search over histories and headings that widens the bound, and as many steps of a second
     search that must not break it. 0 turns both off."""
-    search_length: int = Field(2, ge=1)
-    """Inputs before the present one in these searches."""
-    search_seed: int = Field(21, ge=0)
-    """Seed of the first search; the second takes the next one."""
     tolerated_probability: float = Field(0.0, ge=0.0, lt=1.0)
     """Largest bound of the violation probability; 0: one violation fails the stage."""
 
@@ -130,10 +124,6 @@ class LipschitzSection(Section):
     is refused."""
     extreme_value: bool = True
     """Also compute the paper's extreme-value estimates, for comparison."""
-    extreme_value_blocks: int = Field(100, ge=10)
-    """Blocks of random pairs, one maximum slope from each."""
-    extreme_value_pairs: int = Field(100, ge=10)
-    """Random pairs in a block."""
 
 
 class ConformalSection(Section):
@@ -202,8 +192,6 @@ class GapSection(Section):
     everywhere."""
     confidence: float = Field(0.95, gt=0.5, lt=1.0)
     """Confidence of the Clopper-Pearson bound."""
-    envelope_nodes: int = Field(200_000, ge=16)
-    """envelope: most numbers in the table that is saved."""
     lipschitz: LipschitzSection = LipschitzSection()
     """How Lipschitz constants are estimated."""
     conformal: ConformalSection = ConformalSection()

@@ -20,10 +20,8 @@ _COUNTED = ("hidden_state.length", "hidden_state.chains", "hidden_state.chain_le
     "symmetry.histories")  # fmt: skip
 # A padding enters the scenario program where it is `inflate`; which of the others it is does not matter there.
 _FIT = (
-    "gap.basis", "gap.bound", "gap.objective", "gap.slack", "gap.sides", "gap.padding=inflate", "gap.envelope_nodes",
+    "gap.basis", "gap.bound", "gap.objective", "gap.slack", "gap.sides", "gap.padding=inflate",
 )  # fmt: skip
-_EXTREME_VALUE = tuple(f"gap.lipschitz.extreme_value{part}" for part in ("", "_blocks", "_pairs"))
-
 _RUN = (
     "domain", "simulator", "twin", "symmetry", "hidden_state", "grid", "gap", "sensing", "synthesis", "validation",
     "audit",
@@ -41,7 +39,7 @@ READS: Mapping[str, tuple[str, ...]] = {
     "borders": (*_SIMULATED, "plant", "gap.seed", "gap.noise", "hidden_state"),
     "calibration": (*_SIMULATED, "gap.conformal.calibration_samples", "gap.conformal.seed", "hidden_state"),
     "scp": (*_MODEL, *_FIT, *_COUNTED, "hidden_state.classes", "simulator.effects", "simulator.urdf"),  # switching
-    "lipschitz": (*_MODEL, "gap.seed", *_EXTREME_VALUE, *_COUNTED),
+    "lipschitz": (*_MODEL, "gap.seed", "gap.lipschitz.extreme_value", *_COUNTED),
     "gap": (*_MODEL, "gap", "hidden_state", "symmetry", "simulator", "sensing.latency", "sensing.latency_of"),
     "synthesis": ("name", "plant", "domain", "simulator.effects", "synthesis", "sensing"),
     "validation": ("name", "plant", "domain", "simulator", *_JUDGED, "sensing", "validation"),

@@ -92,14 +92,12 @@ class Trigonometric(BasisSection):
 
 
 class Blocks(BasisSection):
-    """A value for each block of X, and for each input or for all of them."""
+    """A value for each block of X and each input."""
 
     kind: Literal["blocks"] = "blocks"
     """Kind of basis."""
     blocks: tuple[int, ...] | None = None
     """Number of blocks along each state axis; without it 8, or as many as the grid has cells."""
-    per_input: bool = True
-    """A value for each input (true) or one for all inputs."""
 
     def listed(self, states: Sequence[str], inputs: Sequence[str], domain: Box) -> tuple[str, ...]:
         """The constant: what is left of blocks where a bound is linear in expressions."""

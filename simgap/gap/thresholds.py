@@ -34,6 +34,3 @@ EVERYWHERE = 0.5
 
 CROWDED = 1.5
 """How many times more of the cells are rough in a layer that is named as the place than in another; words alone."""
-
-THIN = 0.34
-"""Share of an axis of X below which rough cells are said to lie near one value of it; only words depend on it."""

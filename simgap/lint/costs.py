@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from simgap.config.case import Case
 from simgap.config.controller import AuditSection
 from simgap.errors import UserError
+from simgap.gap.memory.search import SEARCH_LENGTH
 from simgap.gap.noise import draws_at
 from simgap.gap.sampling.borders import checked_at_most, thinned_count
 from simgap.gap.sampling.points import covering_grid, covering_point, free_axes, own_point
@@ -180,7 +181,7 @@ def _samples(context: Context, rollout: float, eps: float | None, startup: float
     for stage, rate in (("scp", FIT), ("lipschitz", SLOPES), ("gap", BOUND)):
         if case.gap is not None or case.hidden_state is not None:
             attacks = 0 if case.hidden_state is None or stage != "gap" else 2 * case.hidden_state.search
-            more = attacks * (1 + case.hidden_state.search_length) * rollout if case.hidden_state and attacks else 0.0
+            more = attacks * (1 + SEARCH_LENGTH) * rollout if case.hidden_state and attacks else 0.0
             terms = _terms(context) if stage == "scp" else 0
             program = max(PROGRAM * terms**2, LARGE_PROGRAM * terms**3)
             seconds = startup + nx * (count * rate + program) + more

@@ -19,9 +19,9 @@ from simgap.attack.witness import DISTURBANCE, SIMULATOR, Witness
 from simgap.attack.worst_step import (
     GapProblem,
     HistoryProblem,
-    PointSearch,
     SearchRecord,
     search_histories,
+    search_points,
     worst_histories,
     worst_steps,
 )
@@ -104,7 +104,7 @@ def attack(job: Job) -> tuple[SearchRecord, dict[str, Campaign]]:
             problem = HistoryProblem.of(context, simulator, gap, hidden.length)
             found = search_histories(problem, job.evaluations, rng, *job.known)
         else:
-            found = PointSearch(GapProblem.of(context, simulator, gap), job.evaluations, rng).run(*job.known)
+            found = search_points(GapProblem.of(context, simulator, gap), job.evaluations, rng, *job.known)
         return found, attack_loops(context, simulator, gap, job.solution.read(), job.starts, job.steps, rng)
 
 

@@ -229,7 +229,7 @@ def pose_problem(context: Context, gap_path: Path | None) -> tuple[SynthesisProb
     )
     if swept is not None:
         problem = replace(problem, swept=planar_swept_cells(problem.grid, *swept, pose_axes(context), error))
-    if bound is not None and isinstance(gap, BodyFrameGap) and gap.previous is not None:
+    if bound is not None and isinstance(gap, BodyFrameGap) and gap.classes.count > 1:
         problem = replace(problem, previous=_previous(context, problem, bound, gap))
     return problem, between
 

@@ -567,7 +567,7 @@ def _true_grid(context: Context, larger: Grid, reach: tuple[int, ...]) -> Grid:
 
 def _after(gap: GapFunction, solution: Solution) -> GapFunction:
     """The bound in the first sample: after an input of the class of a start, where there are classes."""
-    if solution.kind is None or not isinstance(gap, BodyFrameGap) or gap.previous is None:
+    if solution.kind is None or not isinstance(gap, BodyFrameGap) or gap.classes.count == 1:
         return gap
     return gap.after(solution.first % (int(solution.kind.max()) + 1))
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from simgap.attack.worst_step import GapProblem, PointSearch, worst_histories
+from simgap.attack.worst_step import GapProblem, search_points, worst_histories
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain
 from simgap.gap.bounds.previous import PreviousClasses
@@ -48,7 +48,7 @@ def test_a_jump_at_rest_is_found_where_a_case_switches_there(vary):
     assert (q.places[:, 1] == 0.0).sum() > 2
     assert (np.abs(q.places[:, 1]) < 1e-8).sum() == 3 * (q.places[:, 1] == 0.0).sum()
     assert len(q.places) < 2500
-    found = PointSearch(q, 4000, np.random.default_rng(0)).run(np.empty((0, 2)), np.empty(0, np.int64))
+    found = search_points(q, 4000, np.random.default_rng(0), np.empty((0, 2)), np.empty(0, np.int64))
     assert found.violations > 0
 
 
@@ -67,13 +67,12 @@ def test_what_is_known_is_not_crowded_out_by_places():
         return np.full(x.shape, -1.0), np.full(x.shape, 1.0)
 
     q = GapProblem(successors, lambda x, u: x, bounds, box, inputs, places=places)
-    search = PointSearch(q, 100, np.random.default_rng(0))
     known = np.linspace(0.6, 1.0, 50)[:, None]
-    search._beginnings(known, np.zeros(50, np.int64))
-    (x,) = seen
-    assert len(x) == 30
+    search_points(q, 100, np.random.default_rng(0), known, np.zeros(50, np.int64))
+    x = seen[0]
     assert np.array_equal(x[:15], known[:15])
-    assert (x[15:] <= 0.4).all()
+    assert (x[15:30] <= 0.4).all()
+    assert sum(map(len, seen)) == 100
 
 
 @pytest.fixture
@@ -95,7 +94,7 @@ def test_histories_are_those_that_were_run_whatever_the_length_of_their_sequence
     count, rng = len(robot.input_set), np.random.default_rng(1)
     assert robot.case.hidden_state.chain_length > 5
     own = sequences(40, 5, count, rng)
-    gap = BodyFrameGap(domain_of(robot), (), -np.ones((count, 3)), np.ones((count, 3)))
+    gap = BodyFrameGap(domain_of(robot), (), -np.ones((1, count, 3)), np.ones((1, count, 3)))
     table = step_columns(robot.case, robot.input_set, own)
     found = worst_histories(robot, gap, np.zeros((count, 3)), [table], 4)
     ran = {tuple(row) for row in own.m.reshape(40, 5).tolist()}
@@ -113,7 +112,7 @@ def test_a_step_is_held_against_the_class_of_what_was_recorded_before_it(robot):
     wide, narrow = np.ones((count, 3)), np.full((count, 3), 0.1)
     classes = PreviousClasses(kind, 1)
     upper = np.stack([wide, narrow])
-    gap = BodyFrameGap.of_classes(domain_of(robot), (), -upper, upper, classes)
+    gap = BodyFrameGap(domain_of(robot), (), -upper, upper, classes=classes)
     own = sequences(60, 5, count, rng)
     moved = BodySamples(own.m, own.final + 0.05, own.extent, own.previous)
     table = step_columns(robot.case, robot.input_set, moved)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from simgap.attack.worst_step import GapProblem, PointSearch, share, worst_first
+from simgap.attack.worst_step import GapProblem, search_points, share, worst_first
 from simgap.gap.bounds.function import GapDomain
 from simgap.gap.sampling.borders import critical_points
 from simgap.geometry import Box
@@ -74,7 +74,7 @@ def test_a_planted_fault_is_found_that_random_samples_miss(gap, seed):
     at_random = gap(x, INPUTS[m])
     assert (at_random <= top).all()
     known = worst_first(BOX, x, at_random, 200)
-    found = PointSearch(asked, BUDGET, rng).run(x[known], m[known])
+    found = search_points(asked, BUDGET, rng, x[known], m[known])
     assert found.violations > 0
     assert found.evaluations <= BUDGET
     worst = found.worst
@@ -86,7 +86,7 @@ def test_a_planted_fault_is_found_that_random_samples_miss(gap, seed):
 @pytest.mark.parametrize("gap", FAULTS, ids=lambda g: g.__name__)
 def test_a_bound_that_holds_is_not_accused(gap):
     asked = question(gap, largest(gap) + 1e-9)
-    found = PointSearch(asked, BUDGET, np.random.default_rng(4)).run(np.empty((0, 2)), np.empty(0, np.int64))
+    found = search_points(asked, BUDGET, np.random.default_rng(4), np.empty((0, 2)), np.empty(0, np.int64))
     assert found.violations == 0
     assert found.worst.share < 0.0
     assert sum(found.by.values()) == found.evaluations >= 0.99 * BUDGET
@@ -96,7 +96,7 @@ def test_the_search_goes_farther_than_random_samples_in_the_interior():
     gap, rng = smooth, np.random.default_rng(7)
     x, m = BOX.sample(rng, BUDGET), rng.integers(0, len(INPUTS), BUDGET)
     top = largest(gap)
-    found = PointSearch(question(gap, top + 1e-9), BUDGET, rng).run(np.empty((0, 2)), np.empty(0, np.int64))
+    found = search_points(question(gap, top + 1e-9), BUDGET, rng, np.empty((0, 2)), np.empty(0, np.int64))
     missing_at_random, missing = top - gap(x, INPUTS[m]).max(), -found.worst.share * (top + 3.0)
     assert missing < 1e-6 < 1e-5 < missing_at_random
 

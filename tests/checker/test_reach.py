@@ -41,7 +41,7 @@ def made_of(classes, arena, swept=True, one=False):
     wide = 1.0 + 0.3 * np.arange(kind.count)[:, None, None]
     upper = wide * np.array([0.004, 0.003, 0.01]) * (1.0 + np.abs(U).sum(axis=1))[None, :, None]
     domain = GapDomain(STATES, ("v", "w"), X, U, (0, 1), (2,))
-    bound = BodyFrameGap.of_classes(domain, (), -upper, 1.2 * upper, kind)
+    bound = BodyFrameGap(domain, (), -upper, 1.2 * upper, classes=kind)
     way = np.minimum(0.0, U[:, :1]), np.maximum(0.0, U[:, :1])
     side = 0.02 * wide + np.abs(U[:, 1:] * U[:, :1]) * 0.5
     boxes = (

@@ -14,7 +14,7 @@ from simgap.gap.bounds.function import GapDomain, Tier
 from simgap.gap.bounds.previous import PreviousClasses
 from simgap.gap.fitting.acceptance import check_fresh, clopper_pearson_upper, covering_remainder
 from simgap.gap.fitting.cell_fit import NodeFit
-from simgap.gap.lipschitz.grid import GridLipschitz, bends, estimate, steps, to_cells, worse
+from simgap.gap.lipschitz.grid import GridLipschitz, Layer, bends, estimate, steps, to_cells, worse
 from simgap.gap.memory.bound import Robot, assemble_hulls
 from simgap.gap.memory.hidden_state import HistoryInfluence, HullFit, Widened, fading, fit_hull, hull
 from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
@@ -187,7 +187,7 @@ def test_hulls_and_fading_by_their_definitions():
 def test_a_body_frame_bound_is_rounded_outward_in_the_heading_too():
     lower, upper = np.full((2, 3), -0.1), np.full((2, 3), 0.2)
     domain = GapDomain(("x", "y", "t"), ("u",), Box([0, 0, -3], [10, 10, 3]), U, (0, 1))
-    lo, hi = BodyFrameGap(domain, TIER, lower, upper).bounds(np.array([[1.0, 2.0, 0.3]]), U[:1])
+    lo, hi = BodyFrameGap(domain, TIER, lower[None], upper[None]).bounds(np.array([[1.0, 2.0, 0.3]]), U[:1])
     assert lo[0, 2] < -0.1
     assert hi[0, 2] > 0.2
 
@@ -205,15 +205,16 @@ def test_slopes_and_their_change_on_a_parabola():
 
 
 def test_the_worse_of_two_estimates_is_worse_in_every_number():
+    left, right = Layer(0, -1.0, 0.0, 0.5), Layer(1, 0.5, 2.0, 0.5)
     a = GridLipschitz(np.array([1.0, 5.0]), np.array([1.0, 2.0]), np.array([1.0, 1.1]), np.array([0.5, 3.0]), 0.1,
-                      np.array([[0.0, 0.0], [1.0, 1.0]]), 0.2)  # fmt: skip
+                      0.2, np.array([0.5, 0.5]), (left,))  # fmt: skip
     b = GridLipschitz(np.array([2.0, 4.0]), np.array([0.5, 3.0]), np.array([1.4, 1.0]), np.array([0.6, 2.0]), 0.3,
-                      np.array([[-1.0, 0.5], [0.5, 2.0]]), 0.1)  # fmt: skip
+                      0.1, np.array([1.5, 1.5]), (right,))  # fmt: skip
     found = worse(a, b)
     assert [found.constants.tolist(), found.slopes.tolist(), found.ratio.tolist(), found.smooth.tolist()] == [
         [2.0, 5.0], [1.0, 3.0], [1.4, 1.1], [0.6, 3.0]]  # fmt: skip
     assert (found.rough_share, found.jump) == (0.3, 0.2)
-    assert found.rough_box.tolist() == [[-1.0, 0.0], [1.0, 2.0]]
+    assert (found.at.tolist(), found.layers) == ([0.5, 0.5], (left, right))
 
 
 def test_an_envelope_starts_from_both_ends_and_the_rounding_of_samples():

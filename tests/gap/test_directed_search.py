@@ -30,22 +30,23 @@ def test_the_budget_is_kept_and_what_was_tried_is_given_back_worst_first():
         return needle(values, headings)
 
     found = directed_search(objective, SPACE, 1003, np.random.default_rng(0))
-    assert sum(asked) == found.evaluations == 1003
+    assert sum(asked) == len(found.scores) == 1003
     assert np.all(np.diff(found.scores) <= 0)
-    assert np.array_equal(found.scores, needle(found.values, found.headings))
-    assert found.values.min() >= 0
-    assert found.values.max() <= 20
-    assert np.abs(found.headings).max() <= np.pi
+    values, headings = found.points
+    assert np.array_equal(found.scores, needle(values, headings))
+    assert values.min() >= 0
+    assert values.max() <= 20
+    assert np.abs(headings).max() <= np.pi
     assert len(found.worst(7).scores) == 7
 
 
 def test_the_same_seed_finds_the_same_and_given_seeds_are_tried():
     one, two = (directed_search(needle, SPACE, 500, np.random.default_rng(3)) for _ in range(2))
-    assert np.array_equal(one.values, two.values)
+    assert np.array_equal(one.points[0], two.points[0])
     best = np.array([[[10, 3], [17, 20], [20, 20]]]), np.array([1.2])
     assert directed_search(needle, SPACE, 200, np.random.default_rng(0), seeds=best).scores[0] == pytest.approx(0)
 
 
 def test_a_heading_that_is_not_searched_stays_zero():
     found = directed_search(needle, Histories((21, 21), 3, turns=False), 300, np.random.default_rng(0))
-    assert not found.headings.any()
+    assert not found.points[1].any()

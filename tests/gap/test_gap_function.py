@@ -19,7 +19,6 @@ KINDS = {
     "constant": {"bound": "constant"},
     "envelope": {"bound": "envelope"},
     "blocks": {"basis": Blocks(blocks=(8, 8))},
-    "blocks for all inputs": {"basis": Blocks(blocks=(5, 9), per_input=False)},
     "trigonometric": {"basis": Trigonometric(harmonics=2)},
     "cubic": {"basis": Monomials(degree=3)},
     "own terms": {"basis": Expressions(terms=("sin(x1)", "tanh(x2/0.05)", "u", "1"))},
@@ -46,7 +45,7 @@ def test_every_bound_covers_off_the_grid_or_is_refused(name, function):
     assert {tier.level for tier in result.function.tiers} == {1, 2}
 
 
-@pytest.mark.parametrize("name", ["signed", "unsigned", "envelope", "blocks for all inputs", "own terms"])
+@pytest.mark.parametrize("name", ["signed", "unsigned", "envelope", "blocks", "own terms"])
 def test_kernel_boxes_points_and_json_agree(name):
     function = fit(on_grid(smooth), **KINDS[name]).function
     again = from_json(json.loads(json.dumps(function.to_json())))

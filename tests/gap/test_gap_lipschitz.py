@@ -61,7 +61,8 @@ def test_rough_cells_are_those_around_the_jump():
     d = values(lambda x: np.sign(x[:, 1]) + x[:, 0] + x[:, 1], grid)
     found = estimate(d, grid)
     assert 0.0 < found.rough_share <= 0.06
-    np.testing.assert_allclose(found.rough_box[:, 1], [-0.02, 0.02], atol=1e-12)
+    (layer,) = found.layers
+    np.testing.assert_allclose([layer.axis, layer.lo, layer.hi], [1, -0.02, 0.02], atol=1e-12)
     assert found.smooth[1] == pytest.approx(1.0, rel=1e-9)
     assert found.jump >= 2.0
 
@@ -69,11 +70,11 @@ def test_rough_cells_are_those_around_the_jump():
 def test_a_jump_is_told_with_its_place_and_size_and_a_bend_as_a_bend():
     grid = Grid(X, [20, 100])
     jump = estimate(values(lambda x: np.sign(x[:, 1]) + x[:, 0], grid), grid)
-    said = jump.place(("q", "v"), X.lo, X.hi)
+    said = jump.place(("q", "v"))
     assert "jumps by up to 2" in said
     assert "something switches near v = " in said
     assert "< q <" not in said  # it lies along all of q
-    assert "no jump" in estimate(values(lambda x: np.sin(x[:, 0]), grid), grid).place(("q", "v"), X.lo, X.hi)
+    assert "no jump" in estimate(values(lambda x: np.sin(x[:, 0]), grid), grid).place(("q", "v"))
 
 
 def test_two_joints_that_rub_are_told_apart_and_the_remedy_is_of_a_jump():
@@ -82,13 +83,13 @@ def test_two_joints_that_rub_are_told_apart_and_the_remedy_is_of_a_jump():
     grid = Grid(box, [8, 20, 24])
     samples = values(lambda x: 0.3 * np.sign(x[:, 1]) + (0.2 + 0.1 * x[:, 0]) * np.sign(x[:, 2] - 0.25), grid)
     found = estimate(samples, grid)
-    said = found.place(names, box.lo, box.hi)
+    said = found.place(names)
     assert "something switches near v = 0 and near w = 0.25, such as dry friction" in said
     assert found.at is not None
     assert (abs(found.at[1]) < 0.2, abs(found.at[2] - 0.25) < 0.2, found.at[0] > 0.6) == (True, True, True)
     assert f"the largest beside q = {found.at[0]:.3g}, v = {found.at[1]:.3g}" in said
     again = GridLipschitz.from_json(json.loads(json.dumps(found.to_json())))
-    assert again.place(names, box.lo, box.hi) == said
+    assert again.place(names) == said
     where = SampleGrid(grid, np.zeros((1, 1)), names, ("u",))
     known = [DimensionLipschitz(found, (), 1.0)]
     with pytest.raises(BrokenPromise) as caught:
@@ -107,8 +108,9 @@ def test_a_jump_on_a_sample_is_rough_too(at_rest):
     found = estimate(d, grid)
     assert not found.resolved
     assert 0.0 < found.rough_share <= 0.06
-    assert found.rough_box[0, 1] < -grid.h[1]
-    assert found.rough_box[1, 1] > grid.h[1]
+    (layer,) = found.layers
+    assert layer.axis == 1
+    assert layer.lo < -grid.h[1] < grid.h[1] < layer.hi
     assert found.smooth[1] < 1e-9
     assert found.jump >= 2.0
 

@@ -27,7 +27,8 @@ def periodic(name):
         rng = np.random.default_rng(3)
         lower = rng.uniform(-0.3, 0.1, (3, 3))
         domain = GapDomain(("x", "y", "theta"), ("v", "w"), POSE, POSES, (0, 1))
-        plain, axes = BodyFrameGap(domain, (Tier(1, "Made up."),), lower, lower + rng.uniform(0.0, 0.3, (3, 3))), (2,)
+        upper, axes = lower + rng.uniform(0.0, 0.3, (3, 3)), (2,)
+        plain = BodyFrameGap(domain, (Tier(1, "Made up."),), lower[None], upper[None])
     else:
         basis, axes = {"linear": (TERMS, (0,)), "linear, both axes": (TERMS, (0, 1)), "blocks": (Blocks(), (0,)),
                        "envelope": (TERMS, (1,))}[name]  # fmt: skip

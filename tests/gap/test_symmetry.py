@@ -25,7 +25,7 @@ def domain():
 def example(seed=0):
     rng = np.random.default_rng(seed)
     lower = rng.uniform(-0.3, 0.1, (3, 3))
-    return BodyFrameGap(domain(), (Tier(1, "Made up."),), lower, lower + rng.uniform(0.0, 0.3, (3, 3)))
+    return BodyFrameGap(domain(), (Tier(1, "Made up."),), lower[None], (lower + rng.uniform(0.0, 0.3, (3, 3)))[None])
 
 
 def turn(theta, d):
@@ -104,7 +104,7 @@ def test_the_file_keeps_order_of_states_free_axes_kernel_and_tiers(tmp_path, pos
     rng = np.random.default_rng(8)
     lower = rng.uniform(-0.3, 0.1, (3, 3))
     tiers = (Tier(2, "an estimate"), Tier(3, "checked"))
-    gap = BodyFrameGap(given, tiers, lower, lower + rng.uniform(0.0, 0.3, (3, 3)), pose)
+    gap = BodyFrameGap(given, tiers, lower[None], (lower + rng.uniform(0.0, 0.3, (3, 3)))[None], pose)
     write_json(tmp_path / "gap.json", gap.to_json())
     again = from_json(read_json(tmp_path / "gap.json"))
     assert isinstance(again, BodyFrameGap)

@@ -41,7 +41,7 @@ ROBOT = SimpleNamespace(states=["x", "y", "heading"], inputs=["u"], box=PLANE, i
 
 def body():
     domain = GapDomain(("x", "y", "heading"), ("u",), PLANE, U, (0, 1))
-    return BodyFrameGap(domain, TIERS, np.full((3, 3), -0.1), np.full((3, 3), 0.1))
+    return BodyFrameGap(domain, TIERS, np.full((1, 3, 3), -0.1), np.full((1, 3, 3), 0.1))
 
 
 MADE = {"linear": (linear, CASE), "cells": (cells, CASE), "body_frame": (body, ROBOT)}

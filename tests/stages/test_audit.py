@@ -21,13 +21,13 @@ from simgap.errors import BrokenPromise, UserError
 from simgap.gap.sampling.points import successor_columns, units
 from simgap.io.arrays_on_disk import Mapped, scratch_folder
 from simgap.io.controller_file import load_controller, save_controller
-from simgap.io.rerun.closed_loop import read_curves
 from simgap.io.results import read_json, read_parquet, table, write_json, write_parquet
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
 from simgap.stages import audit, replay, synthesis
+from tests.io.recorded import read_curves
 from tests.stages.test_sensing_stage import bound
 
 BUDGET = {"evaluations": 6000, "steps": 1500}

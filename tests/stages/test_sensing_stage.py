@@ -172,7 +172,7 @@ def test_the_robot_arrives_by_measurements_a_sample_late(root, tmp_path):
     solution, count = controller.solution, len(context.input_set)
     names = tuple(context.states), tuple(context.inputs)
     domain = GapDomain(*names, context.box, context.input_set, (0, 1, 2), context.periodic)
-    gap = BodyFrameGap(domain, (), np.zeros((count, 3)), np.zeros((count, 3)))
+    gap = BodyFrameGap(domain, (), np.zeros((1, count, 3)), np.zeros((1, count, 3)))
     margins, sets = margins_of(context, gap, solution), solution.value.reshape(-1, count) >= 0
     assert margins.only == "where the first input, v = 0, w = 0, acts"
     moving = solution.value.reshape(-1, count)[:, solution.first] > 0

@@ -11,12 +11,12 @@ from simgap.attack.worst_step import HistoryProblem, search_histories
 from simgap.config.load import case_content
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain, Tier
-from simgap.io.rerun.closed_loop import read_curves
 from simgap.io.results import write_json
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.rollouts import make_simulator
 from simgap.stages import replay
+from tests.io.recorded import read_curves
 
 
 @pytest.mark.parametrize("order", [("x", "y", "theta"), ("theta", "x", "y")])
@@ -31,7 +31,7 @@ def test_a_history_outside_gamma_is_shown_again(root, tmp_path, order):
     count = len(context.input_set)
     domain = GapDomain(tuple(context.states), tuple(context.inputs), context.box, context.input_set)
     pose = tuple(order.index(name) for name in ("x", "y", "theta"))
-    gap = BodyFrameGap(domain, (Tier(2, "Narrow."),), -np.full((count, 3), 1e-3), np.full((count, 3), 1e-3), pose)
+    gap = BodyFrameGap(domain, (Tier(2, "Narrow."),), -np.full((1, count, 3), 1e-3), np.full((1, count, 3), 1e-3), pose)
     robot = make_simulator(context.case, context.folder)
     try:
         asked = HistoryProblem.of(context, robot, gap, 2)

@@ -263,7 +263,7 @@ def test_an_error_of_the_heading_costs_the_layers_at_the_seam_no_more_than_other
     """A gap bound that knows no heading beyond +-pi left nothing there to win."""
     inputs = np.array([(v, w) for v in (0.0, 0.3) for w in (-0.5, 0.0, 0.5)])
     domain = GapDomain(("x", "y", "t"), ("v", "w"), ROBOT.box, inputs, (0, 1), (2,))
-    gap = BodyFrameGap(domain, (), np.full((6, 3), -0.02), np.full((6, 3), 0.02))
+    gap = BodyFrameGap(domain, (), np.full((1, 6, 3), -0.02), np.full((1, 6, 3), 0.02))
     exact = robot(target=((4, 6), (4, 6)), cells=(60, 60, 24), error=np.array([0.0, 0.0, 0.03]))
     problem = replace(exact, inputs=inputs, gap=gap.kernel(), gap_axes=[2])
     wins = synthesise(problem).winning.reshape(problem.grid.cells).mean(axis=(0, 1))

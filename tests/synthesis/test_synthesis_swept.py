@@ -123,7 +123,8 @@ def saved(context, folder):
     rng, count = np.random.default_rng(2), len(context.input_set)
     lower = rng.uniform(-0.02, 0.0, (count, 3))
     domain = GapDomain(tuple(context.states), tuple(context.inputs), context.box, context.input_set, (0, 1), (2,))
-    gap = BodyFrameGap(domain, (Tier(1, "Made up."),), lower, lower + rng.uniform(0.0, 0.03, (count, 3)))
+    upper = lower + rng.uniform(0.0, 0.03, (count, 3))
+    gap = BodyFrameGap(domain, (Tier(1, "Made up."),), lower[None], upper[None])
     box = rng.uniform(-0.3, 0.0, (count, 2)), rng.uniform(0.0, 0.3, (count, 2))
     record = provenance("gap", context.case, context.folder)
     more = {"swept_boxes": {"lower": box[0], "upper": box[1]}, "provenance": record}

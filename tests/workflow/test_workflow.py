@@ -149,7 +149,7 @@ def test_a_synthesis_key_reruns_no_rollout(project):
         ({"slack": 0.02}, {"scp", "gap"}),
         ({"padding": "paper"}, {"gap"}),  # added after the program
         ({"padding": "inflate"}, {"scp", "gap"}),  # part of the program
-        ({"lipschitz": {"extreme_value_pairs": 90}}, {"lipschitz", "gap"}),
+        ({"lipschitz": {"extreme_value": False}}, {"lipschitz", "gap"}),
         ({"lipschitz": {"rough_limit": 0.2}}, {"gap"}),
         ({"confidence": 0.99}, {"gap"}),
         ({"fresh_samples": 2100}, {"fresh", "gap"}),

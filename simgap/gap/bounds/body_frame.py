@@ -75,47 +75,34 @@ class BodyFrameGap(GapFunction):
     """`lower[m] <= R(-theta) d <= upper[m]` for input m, at every position and heading.
 
     Attributes:
-        lower, upper: (M, 3) body-frame bounds after any previous input, in the order of the states.
+        class_lower, class_upper: (C, M, 3) body-frame bounds after a previous input of each class, states in order.
         pose: which states are x, y and heading.
-        previous: classes of the previous input, and `by_class`, (C, M, 3) twice, the bounds after one of each class;
-            None where only the bounds after any are known.
+        classes: of the previous input; one if none are given.
     """
 
-    lower: Floats
-    upper: Floats
+    class_lower: Floats
+    class_upper: Floats
     pose: tuple[int, int, int] = (0, 1, 2)
-    previous: PreviousClasses | None = None
-    by_class: tuple[Floats, Floats] | None = None
+    classes: PreviousClasses = None  # type: ignore[assignment]
 
-    @staticmethod
-    def of_classes(
-        domain: GapDomain, tiers: tuple[Tier, ...], lower: Floats, upper: Floats, classes: PreviousClasses,
-        pose: tuple[int, int, int] = (0, 1, 2),
-    ) -> BodyFrameGap:  # fmt: skip
-        """From bounds (C, M, 3) after a previous input of each class."""
-        own = (None, None) if classes.count == 1 else (classes, (lower, upper))
-        return BodyFrameGap(domain, tiers, lower.min(axis=0), upper.max(axis=0), pose, *own)
+    def __post_init__(self) -> None:
+        if self.classes is None:
+            object.__setattr__(self, "classes", PreviousClasses.single(self.class_lower.shape[1]))
 
-    @property
-    def classes(self) -> PreviousClasses:
-        """Classes of the previous input, one if there is no other."""
-        return self.previous or PreviousClasses.single(len(self.lower))
+    @cached_property
+    def lower(self) -> Floats:
+        """(M, 3) after any previous input."""
+        return self.class_lower.min(axis=0)
 
-    @property
-    def class_lower(self) -> Floats:
-        """(C, M, 3)."""
-        return self.lower[None] if self.by_class is None else self.by_class[0]
-
-    @property
-    def class_upper(self) -> Floats:
-        """(C, M, 3)."""
-        return self.upper[None] if self.by_class is None else self.by_class[1]
+    @cached_property
+    def upper(self) -> Floats:
+        """(M, 3) after any previous input."""
+        return self.class_upper.max(axis=0)
 
     def after(self, number: int) -> BodyFrameGap:
         """The bound after a previous input of one class."""
-        return replace(
-            self, lower=self.class_lower[number], upper=self.class_upper[number], previous=None, by_class=None
-        )
+        lower, upper = self.class_lower[[number]], self.class_upper[[number]]
+        return BodyFrameGap(self.domain, self.tiers, lower, upper, self.pose)
 
     def bounds_of_inputs(self, m: Ints, before: Ints) -> tuple[Floats, Floats]:
         """Body-frame bounds of steps with input numbers (k,) after others (k,), `REST` among them: two (k, 3)."""
@@ -124,9 +111,7 @@ class BodyFrameGap(GapFunction):
 
     def bounds_after(self, x: Floats, u: Floats, previous: Ints) -> tuple[Floats, Floats]:
         """See `GapFunction.bounds_after`."""
-        if self.previous is None:
-            return self.bounds(x, u)
-        lo, hi, number = np.empty(x.shape), np.empty(x.shape), self.previous.after(previous)
+        lo, hi, number = np.empty(x.shape), np.empty(x.shape), self.classes.after(previous)
         for c in np.unique(number).tolist():
             rows = number == c
             lo[rows], hi[rows] = self._each[c].bounds(x[rows], u[rows])
@@ -158,8 +143,7 @@ class BodyFrameGap(GapFunction):
 
     def raised(self, below: Floats, above: Floats) -> BodyFrameGap:
         """lower - below, upper + above, in the body frame; both (nx,)."""
-        own = None if self.by_class is None else (self.by_class[0] - below, self.by_class[1] + above)
-        return replace(self, lower=self.lower - below, upper=self.upper + above, by_class=own)
+        return replace(self, class_lower=self.class_lower - below, class_upper=self.class_upper + above)
 
     def _kernel(self) -> Kernel:
         """See `GapFunction._kernel`."""
@@ -176,45 +160,39 @@ class BodyFrameGap(GapFunction):
 
     def _content(self) -> dict[str, Any]:
         states = self.domain.states
-        return {
+        found = {
             "kind": "body_frame",
             "meaning": "lower <= simulator - nominal <= upper in the frame of the robot, one row per input",
             "pose": [states[n] for n in self.pose],
             "gap": sides_by_state(states, self.lower, self.upper),
-        } | self._content_of_classes()
-
-    def _content_of_classes(self) -> dict[str, Any]:
-        if self.previous is None or self.by_class is None:
-            return {}
-        lower, upper = (own.tolist() for own in self.by_class)
-        return {"previous_input": self.previous.to_json() | {"lower": lower, "upper": upper}}
+        }
+        if self.classes.count > 1:
+            sides = {"lower": self.class_lower.tolist(), "upper": self.class_upper.tolist()}
+            found["previous_input"] = self.classes.to_json() | sides
+        return found
 
     @classmethod
     def from_content(cls, data: Mapping[str, Any], domain: GapDomain, tiers: tuple[Tier, ...]) -> BodyFrameGap:
         """The inverse of `_content`."""
         x, y, heading = (domain.states.index(s) for s in data["pose"])
-        found = cls(domain, tiers, *sides_from(data["gap"], domain.states), (x, y, heading))
+        lower, upper = sides_from(data["gap"], domain.states)
         if "previous_input" not in data:
-            return found
+            return cls(domain, tiers, lower[None], upper[None], (x, y, heading))
         own = data["previous_input"]
         sides = np.array(own["lower"], dtype=np.float64), np.array(own["upper"], dtype=np.float64)
-        return replace(found, previous=PreviousClasses.from_json(own), by_class=sides)
+        found = cls(domain, tiers, *sides, (x, y, heading), PreviousClasses.from_json(own))
+        whole = np.array_equal(found.lower, lower) and np.array_equal(found.upper, upper)
+        require(whole, "its bound after any input does not hold those after each class")
+        return found
 
     def check(self) -> None:
         """See `GapFunction.check`."""
         require(sorted(self.pose) == [0, 1, 2] and len(self.domain.states) == 3, "its pose is not x, y and heading")
-        shape = (len(self.domain.input_set), 3)
-        require_sides(self.lower, self.upper, shape)
-        if self.previous is None or self.by_class is None:
-            return
-        kind, count = self.previous.kind, len(self.by_class[0])
-        require(kind.shape == shape[:1] and count > 0, "its classes are not one for each input")
-        require(np.isin(np.append(kind, self.previous.rest), np.arange(count)).all(), "its classes are not numbered")
-        require_sides(*self.by_class, (count, *shape), " after a class")
-        require(
-            (self.lower <= self.by_class[0].min(axis=0)).all() and (self.by_class[1].max(axis=0) <= self.upper).all(),
-            "its bound after any input does not hold those after each class",
-        )
+        m, count = len(self.domain.input_set), len(self.class_lower)
+        require_sides(self.class_lower, self.class_upper, (count, m, 3))
+        kind = self.classes.kind
+        require(kind.shape == (m,) and count > 0, "its classes are not one for each input")
+        require(np.isin(np.append(kind, self.classes.rest), np.arange(count)).all(), "its classes are not numbered")
 
 
 @njit(cache=True, error_model="numpy")

@@ -40,7 +40,7 @@ class CellGap(GapFunction):
     Attributes:
         edges: per axis, cell borders (k_j + 1,), the first and last are those of X.
         nodes: per axis, one point of each cell (k_j,).
-        lower, upper: (k_1 * ... * k_nx, M or 1, nx), row-major cells; 1 when the bound is the same for all inputs.
+        lower, upper: (k_1 * ... * k_nx, M, nx), row-major cells.
         slopes: (nx, nx) L_ij, growth of the bound of dimension i away from the node along axis j.
     """
 
@@ -126,10 +126,9 @@ class CellGap(GapFunction):
             require(edges[0] == box.lo[j] and edges[-1] == box.hi[j], "its cells do not cover X")
             require(((edges[:-1] <= nodes) & (nodes <= edges[1:])).all(), "a node lies outside its cell")
         cells = int(np.prod([len(nodes) for nodes in self.nodes]))
-        kinds = m if self.upper.ndim == 3 and self.upper.shape[1] != 1 else 1
         require_finite("its slopes", self.slopes, (nx, nx))
         require((self.slopes >= 0).all(), "a slope is negative")
-        require_sides(self.lower, self.upper, (cells, kinds, nx))
+        require_sides(self.lower, self.upper, (cells, m, nx))
 
 
 @njit(error_model="numpy", cache=True)
@@ -140,9 +139,7 @@ def _over_rows(xlo, xhi, u, lo, hi, inputs, llo, lhi, edges, nodes, counts, slop
 
 @njit(error_model="numpy", cache=True)
 def _over_box(xlo, xhi, u, lo, hi, inputs, llo, lhi, edges, nodes, counts, slopes, lower, upper):  # type: ignore[no-untyped-def]
-    nx, row = len(counts), 0
-    if upper.shape[1] > 1:
-        row = input_index(inputs, u)
+    nx, row = len(counts), input_index(inputs, u)
     cells, start = 1, 0
     inside = row >= 0
     for j in range(nx):

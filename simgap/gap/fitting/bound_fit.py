@@ -126,7 +126,7 @@ def check_resolved(where: SampleGrid, settings: GapSection, lipschitz: Sequence[
             raise BrokenPromise(
                 f"the gap of {name} is not Lipschitz at this grid: L(h/2)/L(h) = {found.ratio.max():.2f} > {GATE}, "
                 f"{100 * found.rough_share:.2g} % of the cells are rough; "
-                f"{found.place(where.states, where.grid.box.lo, where.grid.box.hi)}",
+                f"{found.place(where.states)}",
                 remedy(where, settings, found, found.rough_share),
             )
 

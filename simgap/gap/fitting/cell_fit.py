@@ -32,7 +32,7 @@ class BlockFit(
     """Largest values that the sides of one dimension have to cover on each block: the program solves itself.
 
     Attributes:
-        upper, lower: (blocks, M or 1), of d and of -d; padding `inflate` is in them, the others are not.
+        upper, lower: (blocks, M), of d and of -d; padding `inflate` is in them, the others are not.
         rough_share: cells with a jump, as far as the local padding looked for them.
         directed: samples on borders and beside switching surfaces that are in the tables, too. factor: see `SideFit`.
     """
@@ -52,7 +52,7 @@ class BlockFit(
         Raises:
             UserError: for block counts that do not fit the grid.
         """
-        counts, per_input = _counts(samples.where, settings)
+        counts = _counts(samples.where, settings)
         member, _ = _blocks(samples.where.grid, counts)
         tables, rough, factor, directed = {}, 0.0, 0.0, samples.beside
         for up in (True, False):
@@ -64,10 +64,9 @@ class BlockFit(
                 beside, risen = _beside(samples, directed, settings, up)
                 padded, factor = joined(padded, beside), max(factor, risen)
                 of_row = np.concatenate([member, member[samples.where.grid.index(directed.x)]])
-            tables[up] = np.full((int(np.prod(counts)), padded.shape[1] if per_input else 1), -np.inf)
+            tables[up] = np.full((int(np.prod(counts)), padded.shape[1]), -np.inf)
             for block in padded.blocks():
-                own = padded[block]
-                np.maximum.at(tables[up], of_row[block], own if per_input else own.max(axis=1, keepdims=True))
+                np.maximum.at(tables[up], of_row[block], padded[block])
             rough = max(rough, share)
         return cls(tables[True], tables[False], rough, 0 if directed is None else len(directed.x), factor)
 
@@ -75,7 +74,7 @@ class BlockFit(
     def bound(cls, fits: Sequence[BlockFit], given: BoundInputs) -> tuple[CellGap, list[Sides]]:
         """The tables of all dimensions side by side, with the padding that is not in them yet."""
         where, settings, lipschitz = given.where, given.settings, given.lipschitz
-        _, edges = _blocks(where.grid, _counts(where, settings)[0])
+        _, edges = _blocks(where.grid, _counts(where, settings))
         nx, inflated, h = len(where.states), settings.padding == "inflate", where.moving_half_widths
         pads = [0.0 if inflated else constant_padding(settings.padding, own.grid, h, 0.0 * h) for own in lipschitz]
         upper, below = (
@@ -104,7 +103,7 @@ def _beside(samples: DimensionSamples, directed: Directed, settings: GapSection,
     return at + (along if settings.padding == "inflate" else 0.0), max(factor, 0.0)
 
 
-def _counts(where: SampleGrid, settings: GapSection) -> tuple[tuple[int, ...], bool]:
+def _counts(where: SampleGrid, settings: GapSection) -> tuple[int, ...]:
     basis = settings.basis
     if not isinstance(basis, Blocks):
         raise UserError(f"the basis '{basis.kind}' has no blocks", key="gap.basis.kind", remedy="Use `blocks`.")
@@ -118,8 +117,7 @@ def _counts(where: SampleGrid, settings: GapSection) -> tuple[tuple[int, ...], b
             key="gap.basis.blocks",
             remedy="Give one count for each state, between 1 and the cells of the grid.",
         )
-    counts = tuple(1 if j in where.free else c for j, c in enumerate(counts))
-    return counts, basis.per_input
+    return tuple(1 if j in where.free else c for j, c in enumerate(counts))
 
 
 def _blocks(grid: Grid, counts: Sequence[int]) -> tuple[Ints, tuple[Floats, ...]]:
@@ -144,7 +142,7 @@ class NodeFit(DimensionFit, kind="envelope", program="none: an envelope is made 
     @classmethod
     def of(cls, samples: DimensionSamples, settings: GapSection) -> NodeFit:
         """The samples at the nodes."""
-        places, cells = _nodes(samples.where, settings), samples.where.grid.cells
+        places, cells = _nodes(samples.where), samples.where.grid.cells
         flat = np.ravel_multi_index(tuple(mesh(*places).T), cells)
         numerical = samples.floor / 16.0
         lower = samples.d[flat] - numerical
@@ -162,7 +160,7 @@ class NodeFit(DimensionFit, kind="envelope", program="none: an envelope is made 
         what slopes allow along the surface until the next such sample.
         """
         where, settings, lipschitz = given.where, given.settings, given.lipschitz
-        nodes = tuple(where.grid.axis(j)[k] for j, k in enumerate(_nodes(where, settings)))
+        nodes = tuple(where.grid.axis(j)[k] for j, k in enumerate(_nodes(where)))
         middle = [0.5 * (n[:-1] + n[1:]) for n in nodes]
         ends = zip(where.grid.box.lo, middle, where.grid.box.hi, strict=True)
         edges = tuple(np.concatenate([[lo], e, [hi]]) for lo, e, hi in ends)
@@ -201,9 +199,13 @@ def _raised(
     return raised, float(((short + far[:, None]) / np.maximum(far[:, None], floor)).max(initial=0.0))
 
 
-def _nodes(where: SampleGrid, settings: GapSection) -> list[Ints]:
-    """The samples along each axis that are nodes: every k-th one where a table would exceed `envelope_nodes`."""
+MOST_NODES = 200_000
+"""Numbers in the table of an envelope."""
+
+
+def _nodes(where: SampleGrid) -> list[Ints]:
+    """The samples along each axis that are nodes: every k-th one where a table would exceed `MOST_NODES` numbers."""
     cells, size, stride = where.grid.cells, len(where.inputs) * len(where.states), 1
-    while np.prod([-(-c // stride) for c in cells]) * size > settings.envelope_nodes and stride < max(cells):
+    while np.prod([-(-c // stride) for c in cells]) * size > MOST_NODES and stride < max(cells):
         stride += 1
     return [np.arange(min(stride // 2, c - 1), c, stride) for c in cells]

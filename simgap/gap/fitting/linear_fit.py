@@ -100,7 +100,7 @@ class LinearFit(DimensionFit, kind="linear"):
             if settings.padding == "inflate" and rough > settings.lipschitz.rough_limit:
                 raise BrokenPromise(
                     f"the residual of {where.states[i]} is not Lipschitz at this grid: {100 * rough:.2g} % of the "
-                    f"cells are rough; {known.grid.place(where.states, where.grid.box.lo, where.grid.box.hi)}",
+                    f"cells are rough; {known.grid.place(where.states)}",
                     remedy(where, settings, known.grid, rough, residual=True),
                 )
         tiers = _tiers(given, sides)

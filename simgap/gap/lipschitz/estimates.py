@@ -95,6 +95,7 @@ def _profile(maxima: Floats, location: float) -> tuple[float, float]:
     return -float(found.fun), float(np.exp(found.x))
 
 
+_BLOCKS, _PAIRS = 100, 100  # of random pairs, and in each
 _REACH = 3  # cells: pairs lie within this many cells of each other along every axis
 
 
@@ -148,7 +149,7 @@ def _grid_pair_slopes(samples: DimensionSamples, moving: list[int], settings: Ga
     One stream of random numbers serves the dimensions in order, so those of the dimensions before are drawn and left.
     """
     where, rng = samples.where, np.random.default_rng(settings.seed)
-    shape = (settings.lipschitz.extreme_value_blocks, settings.lipschitz.extreme_value_pairs)
+    shape = (_BLOCKS, _PAIRS)
     cells = np.array(where.grid.cells)
     for _ in range(samples.i + 1):
         first = rng.integers(0, cells, size=(*shape, len(cells)))

@@ -29,7 +29,7 @@ from simgap.arrays import Bools, Floats
 from simgap.errors import UserError
 from simgap.gap.json_record import JsonRecord
 from simgap.gap.sampling.values import Values, centres, values
-from simgap.gap.thresholds import CROWDED, EVERYWHERE, GATE, SPLIT_GATE, STEEP_SHARE, THIN
+from simgap.gap.thresholds import CROWDED, EVERYWHERE, GATE, SPLIT_GATE, STEEP_SHARE
 from simgap.geometry import Grid
 from simgap.late import scipy
 
@@ -145,10 +145,9 @@ class GridLipschitz(
         slopes: (nx,) largest slope alone. ratio: (nx,) resolution ratio, also taken at twice the spacing.
         euclidean: estimate of the constant in the Euclidean norm, sqrt(sum_j L_j^2).
         smooth: as `constants`, without the rough cells. rough_share: share of the cells that are rough.
-        rough_box: (2, nx) box that holds the rough cells, or None. jump: largest spread of neighbours there.
+        jump: largest spread of neighbours there. at: (nx,) the centre of the cell that has it, None without one.
+        layers: where rough cells crowd along an axis.
         proven: whether the constants are bounds, enclosed on every cell, and no estimates.
-        layers: where rough cells crowd along an axis though others lie elsewhere. at: (nx,) the centre of the cell with
-            the largest jump.
     """
 
     constants: Floats
@@ -156,11 +155,10 @@ class GridLipschitz(
     ratio: Floats
     smooth: Floats
     rough_share: float
-    rough_box: Floats | None
-    jump: float
-    proven: bool = False
-    layers: tuple[Layer, ...] = ()
+    jump: float = 0.0
     at: Floats | None = None
+    layers: tuple[Layer, ...] = ()
+    proven: bool = False
 
     @property
     def euclidean(self) -> float:
@@ -172,34 +170,23 @@ class GridLipschitz(
         """True if the grid resolves the slope along every axis."""
         return bool(np.all(self.ratio <= GATE))
 
-    def place(self, states: Sequence[str], lo: Floats, hi: Floats) -> str:
-        """Sentence on where the gap jumps, by how much, and the usual cause; lo, hi (nx,) are the ends of X."""
+    def place(self, states: Sequence[str]) -> str:
+        """Sentence on where the gap jumps, by how much, and the usual cause: what switches near values of states."""
         ratios = ", ".join(f"{r:.2f} along {s}" for s, r in zip(states, self.ratio, strict=True) if r > GATE)
         evidence = ratios or "in what the basis leaves"
-        if self.rough_box is None:
+        if not self.rough_share:
             return f"the gap has no jump, it bends faster than the grid sees ({evidence})"
-        low, high = self.rough_box
-        thin = [j for j in range(len(states)) if high[j] - low[j] < THIN * (hi[j] - lo[j])]
-        if not thin and self.layers:
-            return self._crowded(states)
-        if not thin and self.rough_share > EVERYWHERE:
+        if not self.layers and self.rough_share > EVERYWHERE:
             return f"that is so almost everywhere: no jump, the cells are too few to follow the gap ({evidence})"
-        ends = [f"{low[j]:.3g} < {states[j]} < {high[j]:.3g}" for j in (thin or range(len(states)))]
-        found = f"the gap jumps by up to {self.jump:.3g} where {' and '.join(ends)}"
-        if thin:
-            at = ", ".join(f"{states[j]} = {0.5 * (low[j] + high[j]):.3g}" for j in thin)
-            found += f": something switches near {at}, such as dry friction at rest, a contact or a stop"
-        return found
-
-    def _crowded(self, states: Sequence[str]) -> str:
-        """Several things that switch, each near one value of a state: two joints with dry friction, say."""
+        spot = ", ".join(f"{s} = {v:.3g}" for s, v in zip(states, self.at if self.at is not None else (), strict=False))
+        found = f"the gap jumps by up to {self.jump:.3g}{f', the largest beside {spot}' if spot else ''}"
+        if not self.layers:
+            return f"{found} ({evidence})"
         where = [f"{o.lo:.3g} < {states[o.axis]} < {o.hi:.3g} ({100 * o.rough:.0f} %)" for o in self.layers]
         near = " and near ".join(f"{states[o.axis]} = {o.middle:.3g}" for o in self.layers)
-        spot = ", ".join(f"{s} = {v:.3g}" for s, v in zip(states, self.at if self.at is not None else (), strict=False))
-        largest = f", the largest beside {spot}" if spot else ""
         return (
-            f"the gap jumps by up to {self.jump:.3g}{largest}; most cells are rough where {' or '.join(where)}: "
-            f"something switches near {near}, such as dry friction at rest, a contact or a stop"
+            f"{found}; most cells are rough where {' or '.join(where)}: something switches near {near}, such as dry "
+            "friction at rest, a contact or a stop"
         )
 
     def to_json(self) -> dict[str, Any]:
@@ -208,13 +195,12 @@ class GridLipschitz(
 
 
 def worse(a: GridLipschitz, b: GridLipschitz) -> GridLipschitz:
-    """Number by number the larger of two estimates: what holds for both; a box around both their rough cells."""
-    boxes = [box for box in (a.rough_box, b.rough_box) if box is not None]
-    hull = np.stack([np.min(boxes, axis=0)[0], np.max(boxes, axis=0)[1]]) if boxes else None
+    """Number by number the larger of two estimates: what holds for both; the places of both their rough cells."""
     constants, slopes, ratio, smooth = (
         np.maximum(getattr(a, name), getattr(b, name)) for name in ("constants", "slopes", "ratio", "smooth")
     )
-    return GridLipschitz(constants, slopes, ratio, smooth, max(a.rough_share, b.rough_share), hull, max(a.jump, b.jump))
+    share, top = max(a.rough_share, b.rough_share), a if a.jump >= b.jump else b
+    return GridLipschitz(constants, slopes, ratio, smooth, share, top.jump, top.at, (*a.layers, *b.layers))
 
 
 @dataclass(frozen=True)
@@ -368,15 +354,10 @@ class _Found:
         """All of it."""
         share = int(self.rough[0].sum()) / (self.grid.size * self.inputs)
         if not share:
-            return GridLipschitz(self.constants, self.slopes, ratio, self.smooth, 0.0, None, 0.0)
-        marked = [np.flatnonzero(layers)[[0, -1]] for layers in self.rough]
-        ends = np.stack([self.grid.axis(j)[own] for j, own in enumerate(marked)], axis=1)
-        box = ends + np.array([[-1.0], [1.0]]) * self.grid.h
+            return GridLipschitz(self.constants, self.slopes, ratio, self.smooth, share)
         layers = tuple(o for j in axes if (o := self._layer(j)) is not None)
         at = centres(self.grid)[np.array([self.at])][0]
-        return GridLipschitz(
-            self.constants, self.slopes, ratio, self.smooth, share, box, self.jump, layers=layers, at=at
-        )
+        return GridLipschitz(self.constants, self.slopes, ratio, self.smooth, share, self.jump, at, layers)
 
     def _layer(self, j: int) -> Layer | None:
         """Layer in which rough cells crowd along axis j: neighbours with clearly more of them than the others."""

@@ -19,7 +19,7 @@ from simgap.gap.bounds.function import GapDomain, Tier
 from simgap.gap.bounds.previous import PreviousClasses
 from simgap.gap.fitting.acceptance import FreshCheck, check_sequences, confirmed, tolerate
 from simgap.gap.memory.hidden_state import HistoryInfluence, HullFit, check_fading, tolerance_of
-from simgap.gap.memory.search import BoundTable, HistorySearch, search
+from simgap.gap.memory.search import SEARCH_LENGTH, BoundTable, HistorySearch, search
 from simgap.gap.sampling.points import Columns, Points, body_samples
 from simgap.gap.sampling.samples import previous_classes, read_back
 from simgap.gap.sampling.symmetry import SymmetryDeviation
@@ -29,6 +29,8 @@ from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import last_steps, open_robot
 from simgap.statistics import TOP
 
+SEARCH_SEED = 21
+"""Of the first directed search; the second takes the next one."""
 Attack = Callable[[BoundTable], HistorySearch]
 
 
@@ -104,7 +106,7 @@ def assemble_hulls(
     tiers = _widening_tier(states, hulls[0], memory, excess, margin, searched), deviation.tier(states)
     added = path_margin + (float(np.max(deviation.largest[list(pose[:2])])) + robot.between_poses)
     table = replace(hull, lower=lower - raised, upper=upper + raised, swept=(lo - added, hi + added))
-    gap = BodyFrameGap.of_classes(robot.domain, tiers, table.lower, table.upper, robot.classes, pose)
+    gap = BodyFrameGap(robot.domain, tiers, table.lower, table.upper, pose, robot.classes)
     return HiddenStateFit(gap, table, largest, excess, margin, memory, deviation, searched)
 
 
@@ -147,11 +149,11 @@ def hidden_bound(
     influences = [read_back(HistoryInfluence.from_json, lipschitz[n]) for n in context.states]
     deviation = SymmetryDeviation(np.array([own.deviation for own in influences]), influences[0].compared)
     deviation.check(context.states, tolerance_of(context.states, symmetry.tolerance))
-    attack = partial(_attack, context, hidden, hidden.search_seed) if hidden.search else None
+    attack = partial(_attack, context, hidden, SEARCH_SEED) if hidden.search else None
     fit = assemble_hulls(robot_of(context, hidden, motion), hulls, influences, attack)
     check = _check(context, fit, fresh)
     tolerate(check, hidden.tolerated_probability, LONGER)
-    again = _attack(context, hidden, hidden.search_seed + 1, fit.table) if hidden.search else None
+    again = _attack(context, hidden, SEARCH_SEED + 1, fit.table) if hidden.search else None
     if again is not None and again.outside and hidden.tolerated_probability == 0.0:
         raise BrokenPromise(
             f"a directed search breaks the bound: {again.outside} of {again.evaluations} steps lie outside, the worst "
@@ -174,7 +176,7 @@ def robot_of(context: Context, hidden: HiddenStateSection, motion: Floats) -> Ro
 
 
 def _attack(context: Context, hidden: HiddenStateSection, seed: int, table: BoundTable) -> HistorySearch:
-    job = context.case, context.folder, table, context.input_set, hidden.search_length, hidden.search, seed
+    job = context.case, context.folder, table, context.input_set, SEARCH_LENGTH, hidden.search, seed
     (found,) = run_in_processes(search_in_engine, [job])
     return found
 

@@ -20,6 +20,7 @@ from simgap.gap.sampling.points import AFTER_PREVIOUS, HISTORY, SEQUENCE, Column
 from simgap.simulators.body_samples import BodySamples
 from simgap.simulators.rollouts import after_previous, along_sequences, last_steps, open_robot
 
+FRESH_LENGTH = 5  # samples of a fresh sequence: sequences are independent, steps of one are not
 SEQUENCE_PARTS = 4  # each with random headings of its own, whatever the number of shards and workers
 
 
@@ -77,6 +78,6 @@ def sequence_parts(sequences: Ints, seed: int) -> list[tuple[Ints, list[int]]]:
 
 def fresh_sequences(inputs: Floats, hidden: HiddenStateSection) -> list[tuple[Ints, list[int]]]:
     """Parts (n, k) of random sequences of inputs (M, nu) with another seed, which no bound has seen."""
-    count = -(-hidden.fresh_samples // hidden.fresh_length)
+    count = -(-hidden.fresh_samples // FRESH_LENGTH)
     rng = np.random.default_rng(hidden.fresh_seed)
-    return sequence_parts(random_sequences(inputs, count, hidden.fresh_length, rng), hidden.fresh_seed)
+    return sequence_parts(random_sequences(inputs, count, FRESH_LENGTH, rng), hidden.fresh_seed)

@@ -1,47 +1,62 @@
-"""A directed search over histories and headings for steps outside the bound of a robot that remembers its inputs."""
+"""A directed search, and with it one for steps outside the bound of a robot that remembers its inputs."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from simgap.arrays import Floats, Ints
+from simgap.arrays import Bools, Floats, Ints
 from simgap.gap.bounds.previous import PreviousClasses
 from simgap.gap.json_record import JsonRecord
 from simgap.gap.memory.hidden_state import COORDINATES, InputGrid
 from simgap.simulators.body_samples import BodySamples, joined
 from simgap.statistics import extrapolated_maximum
 
-Objective = Callable[[Ints, Floats], Floats]
-"""Sequences of value numbers (n, L, nu) and headings (n,), rad -> scores (n,); the search looks for large ones."""
+Points = tuple[Any, ...]
+"""Arrays of n rows each: the coordinates of n points."""
+Objective = Callable[..., Floats]
+"""Coordinates of n points, such as sequences of value numbers (n, L, nu) and headings (n,), rad -> scores (n,).
+
+The search looks for large ones.
+"""
 
 TURNS = (1.0, 0.1, 0.01, 1e-3)  # rad: sizes of a change of the heading
-PATIENCE = 12  # rounds without a better score after which a lineage starts anew
 
 
 @dataclass(frozen=True, eq=False)
-class TriedSequences:
-    """Every sequence that was tried, the worst first.
+class Tried:
+    """Points that were tried, with their scores (n,)."""
 
-    Attributes:
-        values: (n, L, nu) value numbers. headings: (n,) rad. scores: (n,), falling.
-    """
-
-    values: Ints
-    headings: Floats
+    points: Points
     scores: Floats
 
-    @property
-    def evaluations(self) -> int:
-        """Number of sequences that were tried."""
-        return len(self.scores)
+    @staticmethod
+    def of(objective: Objective, points: Points) -> Tried:
+        """Points that are tried now."""
+        return Tried(points, np.asarray(objective(*points), dtype=np.float64))
 
-    def worst(self, count: int) -> TriedSequences:
-        """The first `count`."""
-        return TriedSequences(self.values[:count], self.headings[:count], self.scores[:count])
+    def worst(self, count: int | None = None) -> Tried:
+        """The first `count` in the order of falling scores, all without it."""
+        first = np.argsort(-self.scores, kind="stable")[:count]
+        return Tried(tuple(own[first] for own in self.points), self.scores[first])
+
+
+class SearchSpace(Protocol):
+    """Where a directed search looks."""
+
+    @property
+    def patience(self) -> int:
+        """Rounds without a better score after which a lineage starts anew."""
+
+    def draw(self, n: int, rng: np.random.Generator) -> Points:
+        """Random points."""
+
+    @property
+    def moved(self) -> Callable[..., Points]:
+        """Coordinates of points, `rng` -> as many points near these."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +70,7 @@ class Histories:
     counts: tuple[int, ...]
     length: int
     turns: bool = True
+    patience: int = 12
 
     def draw(self, n: int, rng: np.random.Generator) -> tuple[Ints, Floats]:
         """Random points, half of their values at an extreme: values (n, L, nu), headings (n,)."""
@@ -63,7 +79,7 @@ class Histories:
         values = np.where(rng.random(values.shape) < 0.5, ends, values)
         return values, rng.uniform(-np.pi, np.pi, n) if self.turns else np.zeros(n)
 
-    def moved(self, values: Ints, headings: Floats, rng: np.random.Generator) -> tuple[Ints, Floats]:
+    def moved(self, values: Ints, headings: Floats, *, rng: np.random.Generator) -> tuple[Ints, Floats]:
         """The same points, each with one coordinate changed: (n, L, nu), (n,) -> the same shapes."""
         values, headings = values.copy(), headings.copy()
         coordinates = self.length * len(self.counts) + self.turns
@@ -85,10 +101,10 @@ def _other(value: int, count: int, rng: np.random.Generator) -> int:
 
 
 def directed_search(
-    objective: Objective, space: Histories, budget: int, rng: np.random.Generator, lineages: int = 16,
-    seeds: tuple[Ints, Floats] | None = None,
-) -> TriedSequences:  # fmt: skip
-    """Search with `budget` evaluations, a quarter of them on the random draw.
+    objective: Objective, space: SearchSpace, budget: int, rng: np.random.Generator, lineages: int = 16,
+    seeds: Points | None = None,
+) -> Tried:  # fmt: skip
+    """Search with `budget` evaluations, a quarter of them on the random draw: -> all points, the worst first.
 
     Args:
         objective: see `Objective`; called with one point per lineage at a time.
@@ -96,44 +112,36 @@ def directed_search(
         budget: most evaluations.
         rng: of draws and moves.
         lineages: how many points are followed side by side.
-        seeds: points to begin with, values (n, L, nu) and headings (n,), before random ones.
+        seeds: points to begin with, before random ones.
     """
-    values, headings = space.draw(max(min(budget, lineages), budget // 4), rng)
+    points = space.draw(max(min(budget, lineages), budget // 4), rng)
     if seeds is not None:
-        values, headings = np.concatenate([seeds[0], values]), np.concatenate([seeds[1], headings])
-    values, headings = values[:budget], headings[:budget]
-    tried = [TriedSequences(values, headings, np.asarray(objective(values, headings), dtype=np.float64))]
-    first = np.argsort(-tried[0].scores, kind="stable")[:lineages]
-    here = TriedSequences(values[first], headings[first], tried[0].scores[first])
-    idle, left = np.zeros(len(first), np.int64), budget - len(values)
+        points = tuple(np.concatenate(pair) for pair in zip(seeds, points, strict=True))
+    tried = [Tried.of(objective, tuple(own[:budget] for own in points))]
+    here = tried[0].worst(lineages)
+    idle, left = np.zeros(len(here.scores), np.int64), budget - len(tried[0].scores)
     while left > 0:
-        trial = space.moved(here.values, here.headings, rng)
-        anew = idle >= PATIENCE
-        drawn = space.draw(len(idle), rng)
-        values = np.where(anew[:, None, None], drawn[0], trial[0])[:left]
-        headings = np.where(anew, drawn[1], trial[1])[:left]
-        scores = np.asarray(objective(values, headings), dtype=np.float64)
-        tried.append(TriedSequences(values, headings, scores))
-        left -= len(values)
-        if len(values) < len(idle):
+        trial, anew = space.moved(*here.points, rng=rng), idle >= space.patience
+        points = _chosen(anew, space.draw(len(idle), rng), trial)
+        tried.append(now := Tried.of(objective, tuple(own[:left] for own in points)))
+        left -= len(now.scores)
+        if len(now.scores) < len(idle):
             break
-        better = (scores > here.scores) | anew
-        here = TriedSequences(
-            np.where(better[:, None, None], values, here.values),
-            np.where(better, headings, here.headings),
-            np.where(better, scores, here.scores),
-        )
+        better = (now.scores > here.scores) | anew
+        here = Tried(_chosen(better, now.points, here.points), np.where(better, now.scores, here.scores))
         idle = np.where(better, 0, idle + 1)
-    return _sorted(tried)
+    every = (np.concatenate(parts) for parts in zip(*(own.points for own in tried), strict=True))
+    return Tried(tuple(every), np.concatenate([own.scores for own in tried])).worst()
 
 
-def _sorted(tried: list[TriedSequences]) -> TriedSequences:
-    values, headings = np.concatenate([f.values for f in tried]), np.concatenate([f.headings for f in tried])
-    scores = np.concatenate([f.scores for f in tried])
-    order = np.argsort(-scores, kind="stable")
-    return TriedSequences(values[order], headings[order], scores[order])
+def _chosen(rows: Bools, these: Points, those: Points) -> Points:
+    """Points of the one where `rows` (n,) say so, of the other elsewhere."""
+    pairs = zip(these, those, strict=True)
+    return tuple(np.where(rows.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs)
 
 
+SEARCH_LENGTH = 2
+"""Inputs before the present one in a search that widens the bound or tries to break it."""
 Steps = Callable[[Ints, Floats], BodySamples]
 """Numbers of inputs (n, L) and headings (n,) -> the last step of each."""
 
@@ -207,6 +215,7 @@ def search(
                     _worst(found.worst(5), grid))  # fmt: skip
 
 
-def _worst(found: TriedSequences, grid: InputGrid) -> list[dict[str, Any]]:
-    rows = zip(grid.numbers(found.values), found.headings.tolist(), found.scores.tolist(), strict=True)
+def _worst(found: Tried, grid: InputGrid) -> list[dict[str, Any]]:
+    (values, headings), scores = found.points, found.scores.tolist()
+    rows = zip(grid.numbers(values), headings.tolist(), scores, strict=True)
     return [{"inputs": grid.inputs[n].tolist(), "heading": heading, "score": score} for n, heading, score in rows]
