@@ -199,12 +199,14 @@ class Automaton:
             but finitely many must be (co-Buechi).
         done: state in which the formula holds whatever follows, -1 for none.
         persists: whether acceptance is co-Buechi.
+        letters: what is sure at each letter.
     """
 
     step: Ints
     good: Bools
     done: int = -1
     persists: bool = False
+    letters: tuple[Letter, ...] = ()
 
     @property
     def possible(self) -> bool:
@@ -257,7 +259,7 @@ def automaton_of(formula: Formula, letters: tuple[Letter, ...]) -> Automaton:
         good.append([own for _, own in moves])
     step, good_moves = np.array(rows, np.int64), np.array(good, np.bool_)
     done = numbers.get(watch.done, -1) if not (watch.again or watch.persistent) else -1
-    return Automaton(*_merged(step, good_moves, done), persists=bool(watch.persistent))
+    return Automaton(*_merged(step, good_moves, done), persists=bool(watch.persistent), letters=letters)
 
 
 def _merged(step: Ints, good: Bools, done: int) -> tuple[Ints, Bools, int]:
