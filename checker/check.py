@@ -40,7 +40,8 @@ def verify(c: Certificate, sample: int | None, exactly: int, seed: int = 0, say=
         Rejected: naming the first cell whose promise is not verified.
     """
     check_sets(c)
-    promised = "each with an input" if c.reach is None else "each with an input or in the target, and clear"
+    ends = "done" if c.task is not None else "in the target"
+    promised = "each with an input" if c.reach is None else f"each with an input or {ends}, and clear"
     say(f"sets: {int(c.winning.sum()):,} of {c.size:,} cells are promised, {promised}")
     if c.task is not None:
         count = len(c.task.automaton.step)

@@ -28,7 +28,7 @@ TOKEN = re.compile(r"\s*(->|[!&|()]|[A-Za-z_]\w*|\[\s*<=\s*[^\]]+\])", re.ASCII)
 OPERATORS = {"X", "F", "G", "U", "W", "R"}
 LONGEST = 100_000  # samples of a deadline
 LONGEST_TEXT = 2000  # tokens of a formula
-MOST_WAYS = 20_000  # to meet what is asked for at one sample
+MOST_STEPS = 200_000  # to find the ways to meet what is asked for at one sample
 MOST_MOVES = 3_000_000  # of the product: beyond it the question is not decided
 TRUE, FALSE = ("true",), ("false",)
 Formula = tuple[Any, ...]
@@ -160,9 +160,10 @@ class Branch:
 
 def branches(asked: frozenset[Formula]) -> set[Branch]:
     """All ways, whose literals do not contradict each other."""
-    found, open_ones = set(), [(tuple(asked), Branch())]
+    found, open_ones, looked_at = set(), [(tuple(asked), Branch())], 0
     while open_ones:
-        if len(found) + len(open_ones) > MOST_WAYS:
+        looked_at += 1
+        if looked_at > MOST_STEPS:
             raise Malformed("its formula has too many ways to be kept for this program to compare")
         rest, way = open_ones.pop()
         if not rest:

@@ -340,27 +340,24 @@ def _task(context: Context, bound: SavedGap, gap: Path, solution: Solution) -> B
         return specification.region(space)
     if not isinstance(specification, ReachAvoid | Task):
         raise _refused("invariance, reach-while-avoid that ends in its target, or tasks")
-    target = (
-        specification.goal_box(space)
-        if isinstance(specification, ReachAvoid)
-        else watched_by(solution, specification, space)
-    )
     problem, _ = pose_problem(context, gap)
     swept = None
     if problem.swept is not None and bound.swept is not None:
         swept = bound.swept_by_class or (bound.swept[0][None], bound.swept[1][None])
     return Reached(
-        target, specification.boxes(space), space.vector(specification.clearance),
+        target_of(specification, space, solution), specification.boxes(space), space.vector(specification.clearance),
         np.zeros(space.size) if problem.stray is None else problem.stray, space.pose if framed else None, swept,
     )  # fmt: skip
 
 
-def watched_by(solution: Solution, task: Task, space: Space) -> Watched:
-    """What a controller watches over.
+def target_of(task: ReachAvoid | Task, space: Space, solution: Solution) -> Box | Watched:
+    """The box to reach, or what a controller watches over.
 
     Raises:
         UserError: a controller that moves another automaton on.
     """
+    if isinstance(task, ReachAvoid):
+        return task.goal_box(space)
     automaton, letters = task.watch(space, solution.grid, np.zeros(space.size))
     after = np.where(solution.free, automaton.step[:, letters], 0)
     if solution.progress is None or not np.array_equal(np.maximum(after, 0).T, solution.progress.after):
