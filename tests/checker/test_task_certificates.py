@@ -25,8 +25,8 @@ PARTIAL = tuple(
 )
 WORDS = [
     ([LETTERS[i] for i in letters], loop)
-    for length in (1, 2, 3, 4)
-    for letters in itertools.product((0, 2, 4, 6), repeat=length)  # c is false throughout
+    for length in (1, 2, 3)
+    for letters in itertools.product(range(8), repeat=length)
     for loop in range(length)
 ]
 
@@ -98,7 +98,7 @@ def test_an_automaton_implies_another_formula_where_no_word_tells_them_apart():
         assert not (implied and told), (text(one), text(other))
         missed += not implied and not told
     assert min(found.values()) > 10
-    assert missed < found[False] / 5  # words of four letters without c do not tell all
+    assert missed < found[False] / 10, (missed, found)  # words of three letters do not tell all
 
 
 @pytest.mark.parametrize("make", [conjunction, persistent])
@@ -175,9 +175,10 @@ def first(test):
 
 
 def one_input_more(head, tables):
-    bits = np.unpackbits(tables["inputs"], axis=1, count=5, bitorder="little")
-    node = first(lambda level, step, good: level == level.max())(head, tables)
-    tables["inputs"][node] |= 1 << int(np.flatnonzero(bits[node] == 0)[0])
+    """A push to the left at the lowest speed that wins."""
+    level, bits = tables["levels"].reshape(60, 36, -1), tables["inputs"].reshape(60, 36, -1)
+    v, x, state = np.argwhere((level > 0).swapaxes(0, 1))[0]
+    bits[x, v, state] |= 1
 
 
 def rank_lowered(head, tables):
@@ -249,8 +250,8 @@ BREAKS = "REJECTED: the automaton accepts runs that break the formula"
         ("errand", formula_is("F[<= 3.8 s] right & F left"), BREAKS),
         ("errand", formula_is("F[<= 4 s] (right & F left)"), BREAKS),
         ("errand", lambda head, tables: head.update(sampling_time="1/4"), BREAKS),
-        ("rounds", moved("left", 0.1), "counts as in 'left' and is not shown to be"),
-        ("errand", moved("left", -0.05), "counts as in 'left' and is not shown to be"),
+        ("rounds", moved("left", 0.1), "'left' and is not shown to be"),
+        ("errand", moved("left", -0.05), "'left' and is not shown to be"),
         ("rounds", lambda head, tables: head["regions"].update(slow=[["+", "v", "x"]]), "'slow' and is not shown"),
         ("rounds", lambda head, tables: head["regions"]["right"].pop(), "counts as in 'right'"),
     ],
