@@ -35,7 +35,7 @@ ARENA = {
 }
 ROUNDS = {key: ARENA[key] for key in ("obstacles", "clearance")} | {
     "formula": "G F left & G F right",
-    "regions": {"left": {"x": (0.2, 0.9), "y": (0.2, 1.2)}, "right": {"x": (2.0, 2.8), "y": (0.2, 1.2)}},
+    "regions": {"left": {"x": (0.2, 1.0), "y": (1.4, 2.8)}, "right": {"x": (1.8, 2.8), "y": (1.4, 2.8)}},
 }
 
 
@@ -127,6 +127,23 @@ def test_a_controller_with_one_input_a_cell_is_verified_by_its_one_input(tmp_pat
     pairs = int((made.solution.value > 0).sum())
     assert pairs > 1000
     assert f"{pairs:,} pairs of node and input" in words
+
+
+def test_a_task_of_a_robot_that_remembers_is_verified_and_a_wider_bound_is_not(tmp_path):
+    """Memory is the state of the task and, in it, the class of the previous input."""
+    made = made_of((3, 1), ROUNDS)
+    write_certificate(tmp_path, made, {})
+    status, words = run(tmp_path, "--exact", "40")
+    assert (status, "ACCEPTED" in words) == (0, True), words
+    assert made.solution.memory == 6
+    assert made.solution.fraction > 0.3
+    assert f"{int(bits(made).sum()):,} pairs of node and input" in words
+    bound = np.load(tmp_path / "bound.npy")
+    bound[1, 2, :, 0] += 0.06
+    change(tmp_path, bound=bound)
+    status, words = run(tmp_path, "--exact", "0")
+    assert status == 1
+    assert " of the task after an input of class 2 with input" in words
 
 
 def test_a_sample_is_seeded_and_says_so(certificate):

@@ -12,6 +12,7 @@ import pytest
 import tampering
 
 from simgap.errors import UserError
+from simgap.extras import certify
 from simgap.extras.certify import write_certificate
 from simgap.specifications.formula import automaton_of, parse
 from tests.checker.checker_runs import change
@@ -343,3 +344,19 @@ def test_deadlines_and_inequalities_that_have_no_form_are_refused_in_one_line(tm
         with pytest.raises(UserError, match=problem) as caught:
             write_certificate(tmp_path / "none", tampering.cart(asked), {})
         assert caught.value.key.startswith("synthesis.specification.")
+
+
+@pytest.mark.parametrize(
+    ("changes", "problem"),
+    [
+        ({"sensing": {"error": {"q": 0.01}}}, "covers exact sensing"),
+        ({"sensing": {"latency": 1}}, "covers exact sensing"),
+        ({"simulator.noise": {"u": {"uniform": 0.1}}}, "a simulator with noise"),
+    ],
+)
+def test_a_task_with_what_no_certificate_covers_is_refused_in_one_line(vary, tmp_path, changes, problem):
+    case = vary("swing_up", changes)
+    with pytest.raises(UserError, match=problem) as caught:
+        certify.run(case, tmp_path / "gap.json", tmp_path / "controller.npz", tmp_path / "out")
+    assert caught.value.remedy
+    assert not (tmp_path / "out").exists()
