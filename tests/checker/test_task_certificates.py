@@ -1,5 +1,6 @@
 """Certificates of tasks: formulas against the definition of their truth, small controllers, and deceit."""
 
+import functools
 import importlib
 import itertools
 import json
@@ -13,8 +14,11 @@ import tampering
 
 from simgap.errors import UserError
 from simgap.extras import certify
-from simgap.extras.certify import write_certificate
+from simgap.extras.certify import prefix, write_certificate
+from simgap.geometry import Box
 from simgap.specifications.formula import automaton_of, parse
+from simgap.specifications.space import Space
+from simgap.specifications.task import inequality
 from tests.checker.checker_runs import change
 from tests.specifications.formulas import conjunction, persistent, text
 from tests.specifications.test_formula import LETTERS, accepts, truth
@@ -360,3 +364,47 @@ def test_a_task_with_what_no_certificate_covers_is_refused_in_one_line(vary, tmp
         certify.run(case, tmp_path / "gap.json", tmp_path / "controller.npz", tmp_path / "out")
     assert caught.value.remedy
     assert not (tmp_path / "out").exists()
+
+
+INSIDE = {
+    "sin(q) <= 0.3": lambda q, v: np.sin(q) <= 0.3,
+    "(q - 1)^2 - v*q <= 0.4": lambda q, v: (q - 1) ** 2 - v * q <= 0.4,
+    "1/(3 + v) <= 0.4": lambda q, v: 1 / (3 + v) <= 0.4,
+    "max(q, v) <= 0.7": lambda q, v: np.maximum(q, v) <= 0.7,
+    "1/v <= 2": lambda q, v: 1 / v <= 2,
+}
+
+
+def in_copies(q, v, ends, turns):
+    return np.any([(q + t >= ends[0]) & (q + t <= ends[1]) for t in turns], axis=0)
+
+
+def test_no_point_refutes_what_is_shown_of_a_cell():
+    """Boxes of any size and place and inequalities, on a grid that may wrap around."""
+    grids, regions = (importlib.import_module(name) for name in ("certificate", "regions"))
+    shown = 0
+    for seed in range(60):
+        rng = np.random.default_rng([seed, 62])
+        lo, width, cells = np.array([rng.choice([-3.0, 0.0]), -2.0]), rng.choice([2.0, 6.0], 2), rng.integers(3, 20, 2)
+        wraps = bool(rng.integers(2))
+        ends = [[*map(Fraction, side.tolist())] for side in (lo, lo + width)]
+        level, flags = np.zeros((cells.prod(), 1), np.int32), [wraps, False]
+        c = grids.Certificate({}, ["q", "v"], [], *ends, cells.tolist(), flags, [], None, None, level, None)
+        if rng.random() < 0.5:
+            name = list(INSIDE)[rng.integers(len(INSIDE))]
+            part, holds = prefix(inequality(name, Space(("q", "v"), Box(lo, lo + width)), "a")), INSIDE[name]
+        else:
+            a = rng.uniform(-9, 9)
+            b = a + rng.uniform(0.1, 7)
+            part = {0: (Fraction(a), Fraction(b))}
+            turns = width[0] * np.arange(-12, 13) * wraps
+            holds = functools.partial(in_copies, ends=(a, b), turns=turns)
+        with np.errstate(all="ignore"):
+            inside, outside = (regions._shown(c, part, side, np.arange(c.size)) for side in (True, False))
+            index = np.stack(np.unravel_index(np.arange(c.size), cells), axis=1)
+            for _ in range(30):
+                true = holds(*(lo + width / cells * (index + rng.beta(0.3, 0.3, index.shape))).T)
+                assert true[inside].all()
+                assert not true[outside].any()
+        shown += int(inside.sum() + outside.sum())
+    assert shown > 1000
