@@ -3,8 +3,10 @@
     python benchmarks/tampering.py [--count 300] [--first 0]
 
 Change number n of a kind of certificate is made from these two alone: one or two of `CHANGES`, of the tables, of the
-grid, of the equations or of what is promised. Four kinds: an invariance with its equations, a robot that remembers
-inputs with boxes of its paths, one without either, and a cart that is to reach a place, with its bound as expressions.
+grid, of the equations or of what is promised, of a task also of its formula, regions, letters and automaton. Eight
+kinds: an invariance with its equations, a robot that remembers inputs with boxes of its paths, one without either, a
+cart that is to reach a place, with its bound as expressions, and tasks: of the cart to visit two places for ever, to
+settle, and to run an errand in time, and of the robot that remembers to visit two places for ever.
 The checker reads each whole; `tampering_oracle.py` looks for a point at which it is false. A finding is a certificate
 that is accepted and false. What is true after a change (an obstacle taken away) may be accepted.
 Results: benchmarks/results/tampering.json.
@@ -14,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import functools
 import io
 import json
 import shutil
@@ -43,10 +46,9 @@ def _hex(text: str, factor: float = 1.0, more: float = 0.0) -> str:
 
 
 def _some_box(head: Head, rng: Rng) -> dict[str, list[str]]:
-    """A target, an obstacle, the safe set or the domain."""
-    if "target" not in head:
-        return head[("safe", "domain")[int(rng.integers(2))]]
-    every = [head["target"], head["domain"], *head["obstacles"]]
+    """A target, an obstacle, the safe set, a region or the domain."""
+    regions = [part for parts in head.get("regions", {}).values() for part in parts if isinstance(part, dict)]
+    every = [*(head[key] for key in ("safe", "domain", "target") if key in head), *head.get("obstacles", []), *regions]
     return every[int(rng.integers(len(every)))]
 
 
@@ -58,7 +60,7 @@ def _box_moved(head: Head, tables: Tables, rng: Rng) -> None:
 
 def _obstacle(head: Head, tables: Tables, rng: Rng) -> None:
     """One more, one less, or other distances."""
-    if "target" not in head:
+    if "obstacles" not in head:
         return _box_moved(head, tables, rng)
     which = int(rng.integers(3))
     if which == 0 and head["obstacles"]:
@@ -193,7 +195,7 @@ def _shifted(head: Head, tables: Tables, rng: Rng) -> None:
     """Tables moved by a cell together."""
     by = int(rng.choice([-1, 1, head["grid"]["cells"][-1]]))
     for name, table in tables.items():
-        if name in ("winning", "levels", "inputs"):
+        if name in ("winning", "levels", "inputs", "letters"):
             rows = len(table) // len(tables["winning"])
             table[:] = np.roll(table, by * rows, axis=0)
 
@@ -219,60 +221,134 @@ def _memory(head: Head, tables: Tables, rng: Rng) -> None:
     return None
 
 
+FORMULAS = (
+    "G F right",
+    "F G left",
+    "G F left & G F right & G slow",
+    "F[<= 3 s] right",
+    "G !slow",
+    "F left",
+    "right U left",
+)
+
+
+def _watched(head: Head, tables: Tables, rng: Rng) -> None:
+    """An edge, a good move, the state that is done or the letters of the automaton; the formula or what it is about."""
+    if "formula" not in head:
+        return _levels(head, tables, rng)
+    own, which = head["automaton"], int(rng.integers(8))
+    q, k = (int(rng.integers(n)) for n in (len(own["step"]), len(own["letters"])))
+    if which == 0:
+        own["step"][q][k] = int(rng.integers(-1, len(own["step"])))
+    elif which == 1:
+        own["good"][q][k] = not own["good"][q][k]
+    elif which == 2:
+        own[("done", "persists")[int(rng.integers(2))]] = int(rng.integers(len(own["step"])))
+        own["persists"] = bool(own["persists"])
+    elif which == 3:
+        region = list(head["regions"])[int(rng.integers(len(head["regions"])))]
+        own["letters"][k] = own["letters"][k][1:] if rng.random() < 0.5 else [*own["letters"][k], [region, True]]
+    elif which == 4:
+        cells = rng.choice(len(tables["letters"]), int(rng.choice([1, 30])))
+        tables["letters"][cells] = k
+    elif which == 5:
+        head["formula"] = FORMULAS[int(rng.integers(len(FORMULAS)))]
+    elif which == 6 or len(head["regions"]) == 1:
+        head["sampling_time"] = f"{int(rng.integers(1, 9))}/10"
+    else:
+        a, b = (list(head["regions"])[j] for j in rng.choice(len(head["regions"]), 2, replace=False))
+        head["regions"][a], head["regions"][b] = head["regions"][b], head["regions"][a]
+    return None
+
+
 Change = Callable[[Head, Tables, Rng], None]
 CHANGES: tuple[Change, ...] = (
     _box_moved, _obstacle, _grid, _wrapped, _equations, _equations, _inputs, _nodes, _nodes, _levels, _levels,
-    _shifted, _memory, _memory,
+    _shifted, _memory, _memory, _watched, _watched, _watched,
 )  # fmt: skip
 
 
-def cart() -> Any:
-    """A cart with drag on a rail with a post at its left, that is to come to rest at its right; its bound is proven."""
+CART = {
+    "cart": {"kind": "reach_avoid", "target": {"x": (1.5, 1.9), "v": (-0.3, 0.3)}},
+    "rounds": {"formula": "G F left & G F right & G slow"},
+    "settling": {"formula": "F G right"},
+    "errand": {"formula": "F[<= 4 s] right & F left"},
+}
+"""What the cart is asked for."""
+PUSHES = np.linspace(-1, 1, 5)[:, None]
+REGIONS = {
+    "left": {"x": (0.3, 0.6)},
+    "right": ({"x": (1.4, 1.5)}, {"x": (1.5, 1.9), "v": (-0.3, 0.3)}),
+    "slow": "v^2 <= 0.2",
+}
+
+
+@functools.cache
+def _cart() -> tuple[Any, Any, Any]:
+    """A cart with drag on a rail: its model, its gap in closed form, and the gap's bound."""
     from simgap.config.gap import GapSection, LipschitzSection
-    from simgap.extras.certify import Certified, Reached
     from simgap.gap.bases import Expressions
     from simgap.gap.bounds.closed_form import ClosedFormGap
-    from simgap.geometry import Box, Grid
+    from simgap.geometry import Grid
     from simgap.model.expressions import parse
     from simgap.model.sampled import NominalModel
     from simgap.model.symbolic import symbol
-    from simgap.specifications.reaching import ReachAvoid
-    from simgap.specifications.space import Space
-    from simgap.synthesis.synthesise import SynthesisProblem, synthesise
     from tests.gap.fit_in_memory import GapSamples, fit_gap
 
-    names, inputs = ["x", "v", "u"], np.linspace(-1, 1, 5)[:, None]
-    x, u, box = (symbol("x"), symbol("v")), (symbol("u"),), Box([0.0, -0.6], [2.0, 0.6])
+    names, x, u, grid = ["x", "v", "u"], (symbol("x"), symbol("v")), (symbol("u"),), Grid(_rail(), [20, 12])
     model = NominalModel(x, u, tuple(parse(t, names) for t in ("x + 0.2*v + 0.02*u", "v + 0.2*u")), 0.2)
     equations = [parse(t, names) for t in ("x + 0.2*v + 0.021*u", "v + 0.2*u - 0.03*v*abs(v)")]
-    simulator = NominalModel(x, u, tuple(equations), 0.2)
-    known, grid, space = ClosedFormGap.of(equations, model), Grid(box, [20, 12]), Space(("x", "v"), box)
-    at, chosen = np.repeat(grid.centres(), 5, axis=0), np.tile(inputs, (grid.size, 1))
+    simulator, known = NominalModel(x, u, tuple(equations), 0.2), ClosedFormGap.of(equations, model)
+    at, chosen = np.repeat(grid.centres(), 5, axis=0), np.tile(PUSHES, (grid.size, 1))
     d = (simulator.step(at, chosen) - model.step(at, chosen)).reshape(grid.size, 5, 2)
-    samples = GapSamples(grid, inputs, d, ("x", "v"), ("u",), known=known)
+    samples = GapSamples(grid, PUSHES, d, ("x", "v"), ("u",), known=known)
     basis = Expressions(terms=("v", "u", "1"))
     bound = fit_gap(samples, GapSection(basis=basis, lipschitz=LipschitzSection(extreme_value=False))).function
-    task = ReachAvoid(
-        kind="reach_avoid", target={"x": (1.5, 1.9), "v": (-0.3, 0.3)}, obstacles=({"x": (0.1, 0.2)},),
-        clearance={"x": 0.02},
-    )  # fmt: skip
-    solution = synthesise(SynthesisProblem(model, task, space, (60, 36), inputs, bound.kernel()))
-    reached = Reached(task.goal_box(space), task.boxes(space), space.vector(task.clearance), np.zeros(2))
+    return model, known, bound
+
+
+def _rail() -> Any:
+    from simgap.geometry import Box
+
+    return Box([0.0, -0.6], [2.0, 0.6])
+
+
+def cart(asked: dict[str, Any], cells: tuple[int, int] = (60, 36), tau: float = 0.2) -> Any:
+    """The cart with a post at the left of its rail, and what it is asked for; deadlines count in `tau`."""
+    from simgap.extras.certify import Certified, Reached, target_of
+    from simgap.specifications.reaching import ReachAvoid
+    from simgap.specifications.space import Space
+    from simgap.specifications.task import Task
+    from simgap.synthesis.synthesise import SynthesisProblem, synthesise
+
+    model, known, bound = _cart()
+    space, around = Space(("x", "v"), _rail(), tau=tau), {"obstacles": ({"x": (0.1, 0.2)},), "clearance": {"x": 0.02}}
+    if "formula" in asked:
+        task: Any = Task(**{"kind": "task", "regions": REGIONS, **around, **asked})
+    else:
+        task = ReachAvoid(**asked, **around)
+    solution = synthesise(SynthesisProblem(model, task, space, cells, PUSHES, bound.kernel()))
+    target = target_of(task, space, solution)
+    reached = Reached(target, task.boxes(space), space.vector(task.clearance), np.zeros(2))
     units = {"x": "m", "v": "m/s", "u": "N"}
-    return Certified("cart", units, model, bound, known, solution, inputs, ["u"], reached)
+    return Certified("cart", units, model, bound, known, solution, PUSHES, ["u"], reached)
 
 
-def originals(folder: Path, kinds: tuple[str, ...] = ("invariance", "cart", "robot", "plain robot")) -> dict[str, Path]:
+KINDS = ("invariance", "cart", "robot", "plain robot", "rounds", "settling", "errand", "robot rounds")
+
+
+def originals(folder: Path, kinds: tuple[str, ...] = KINDS) -> dict[str, Path]:
     """True certificates, small enough to be checked whole."""
     from test_checker import pendulum
-    from test_reach import ARENA, made_of
+    from test_reach import ARENA, ROUNDS, made_of
 
     from simgap.extras.certify import write_certificate
 
     make = {
-        "invariance": lambda: pendulum(safe={"x1": (-0.1, 0.2)}), "cart": cart,
+        "invariance": lambda: pendulum(safe={"x1": (-0.1, 0.2)}),
         "robot": lambda: made_of((3, 1), ARENA), "plain robot": lambda: made_of((1, 1), ARENA, swept=False),
-    }  # fmt: skip
+        "robot rounds": lambda: made_of((3, 1), ROUNDS),
+    } | {kind: functools.partial(cart, asked) for kind, asked in CART.items()}  # fmt: skip
     for kind in kinds:
         write_certificate(folder / kind, make[kind](), {})
     return {kind: folder / kind for kind in kinds}
@@ -292,7 +368,7 @@ def tampered(original: Path, folder: Path, rng: Rng) -> tuple[str, np.ndarray]:
     change(folder, lambda own: own.update({k: v for k, v in head.items() if k not in ("files", "digest")}), **tables)
     classes = len(tables["inputs"]) // len(tables["winning"])
     rows = np.flatnonzero((tables["inputs"] != before["inputs"]).any(axis=1))
-    for name in tables.keys() & {"levels", "winning"}:
+    for name in tables.keys() & {"levels", "winning", "letters"}:
         rest = np.flatnonzero((tables[name] != before[name]).reshape(-1))
         rows = np.concatenate([rows, rest if name == "levels" else rest * classes])
     return " and ".join(names), rows

@@ -11,6 +11,7 @@ import rationals
 from certificate import Certificate
 
 MOST_TOUCHED = 4096  # cells that a box may touch; a larger one is split
+DEPTH = 4  # halvings of a cell, along the axes where that may help, before it is refused
 MARGIN = Fraction(1, 2**44)  # of the numbers on an axis: a controller finds the cell of a state in floating point
 
 
@@ -30,6 +31,21 @@ def parts_of(axes: set[int], count: int, depth: int):
     pieces = [2**depth if j in axes else 1 for j in range(count)]
     for place in itertools.product(*(range(n) for n in pieces)):
         yield list(zip(place, pieces, strict=True))
+
+
+def unshown(count: int, axes: set[int], dimensions: int, holds) -> np.ndarray:
+    """Places (k,), of `count` cells, at which `holds(places, part)` does not show it of all parts, however small."""
+    rest = np.arange(count)
+    for depth in range(DEPTH + 1):
+        if not len(rest):
+            break
+        good = np.ones(len(rest), bool)
+        for part in parts_of(axes, dimensions, depth):
+            good[good] = holds(rest[good], part)
+            if not good.any():
+                break
+        rest = rest[~good]
+    return rest
 
 
 def cell_box(c: Certificate, index, part, arithmetic) -> tuple[list, list]:
@@ -65,7 +81,7 @@ def touched(c: Certificate, j: int, lo, hi, arithmetic):
 
 
 def all_below(c: Certificate, first, last, after, below) -> np.ndarray:
-    """Whether every cell of boxes of cells wins at a level below `below` (n,) in class `after` (n,): -> (n,) bool.
+    """Whether every cell of boxes of cells wins at a level below `below` (n,) with memory `after` (n,): -> (n,) bool.
 
     Boxes are lists of (n,) by axis; beyond the grid no cell wins.
     """

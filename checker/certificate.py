@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 from expressions import Malformed, exact, interval, well_formed
-from reach import OWN, Reach, classes_of, reach_of, reach_tables
+from reach import OWN, TASK, Reach, classes_of, reach_of, reach_tables
+from task import Task, task_of
 
 FORMAT, VERSION = "simgap certificate", 1
 LARGEST_HEADER = 2**26  # bytes of certificate.json
@@ -23,14 +24,16 @@ INVARIANCE, REACH = "invariance", "reach_avoid"
 class Certificate:
     """Grid and tables, the map and its bound.
 
-    A node is a cell and a class of the previous input; where nothing is remembered there is one class.
+    A node is a cell and a memory: state of the task * classes + class of the previous input. Where nothing is
+    remembered there is one.
 
     Attributes:
         lo, hi: exact ends of the grid by state; cells: per axis; periodic: flags.
         inputs: exact values, (M, nu). admissible: (nodes, M) as packed bits, bit m % 8 of byte m // 8.
-        winning: (cells,) bool, the cells that are promised. level: (cells, classes), -1 where losing; 0 in the target,
-            or where an invariance wins.
-        of_input: (M,) class of each input. reach: what a kind with a target says, None for an invariance.
+        winning: (cells,) bool, the cells that are promised. level: (cells, memories), -1 where losing; 0 in the
+            target, or where an invariance wins; of a task the largest number of steps until its next good move.
+        of_input: (M,) class of each input. reach: what kinds with obstacles say, None for an invariance.
+        task: what a task says, None for the other kinds.
         header: everything in certificate.json.
     """
 
@@ -47,6 +50,7 @@ class Certificate:
     level: np.ndarray
     of_input: np.ndarray
     reach: Reach | None = None
+    task: Task | None = None
 
     @property
     def size(self) -> int:
@@ -54,9 +58,51 @@ class Certificate:
         return prod(self.cells)
 
     @property
+    def memories(self) -> int:
+        """Number of memories."""
+        return int(self.level.shape[1])
+
+    @property
     def classes(self) -> int:
         """Number of classes of the previous input."""
-        return int(self.level.shape[1])
+        return self.memories if self.task is None else self.memories // len(self.task.automaton.step)
+
+    def parts(self, nodes):
+        """Cells, states of the task and classes of nodes, numbers or arrays."""
+        cells, memory = np.divmod(nodes, self.memories)
+        return cells, *np.divmod(memory, self.classes)
+
+    def moves(self, nodes):
+        """States of the task after the letters of the nodes' cells, -1 where it is broken, and whether moves are good.
+
+        None but for a task.
+        """
+        cells, states, _ = self.parts(nodes)
+        at = states, self.task.letter[cells]
+        return self.task.automaton.step[at], self.task.automaton.good[at]
+
+    def after(self, nodes, ms):
+        """Memories after inputs in nodes."""
+        return self.of_input[ms] + (0 if self.task is None else self.moves(nodes)[0] * self.classes)
+
+    def ended(self, nodes) -> np.ndarray:
+        """Nodes in which a run ends, if they win: in the target, or with the task done. (n,) bool."""
+        if self.task is not None:
+            return (self.task.automaton.done >= 0) & (self.moves(nodes)[0] == self.task.automaton.done)
+        return self.level.reshape(-1)[nodes] == 0 if self.reach is not None else np.zeros(len(nodes), bool)
+
+    def below(self, nodes):
+        """Successors win at a level less than this.
+
+        That is the level of the node, which falls with every step until the target or the next good move. After a good
+        move anything wins; or, where moves are to be good in the end, the level after it is no higher.
+        """
+        if self.reach is None:
+            return np.ones_like(nodes)
+        level = self.level.reshape(-1)[nodes].astype(np.int64)
+        if self.task is None:
+            return level
+        return level + self.moves(nodes)[1] if self.task.automaton.persists else np.where(level == 0, 2**32, level)
 
     def admits(self, m: int) -> np.ndarray:
         """Nodes in which input m is admissible, (nodes,) bool."""
@@ -77,7 +123,7 @@ def read(folder: Path) -> Certificate:
         header = json.loads(_regular(folder / "certificate.json", LARGEST_HEADER).read_text())
         if (header["format"], header["version"]) != (FORMAT, VERSION):
             raise Malformed("it is no certificate of this format and version")
-        if header["kind"] not in (INVARIANCE, REACH):
+        if header["kind"] not in (INVARIANCE, REACH, TASK):
             raise Malformed(f"it is of the kind {str(header['kind'])[:60]!r}, which this checker does not know")
         names = ("inputs.npy", "winning.npy") if header["kind"] == INVARIANCE else reach_tables(header)
         tables = {name: _table(folder / name, header["files"][name]) for name in names}
@@ -131,17 +177,20 @@ def _certificate(header: dict[str, Any], tables: dict[str, np.ndarray]) -> Certi
     )
     if not good:
         raise Malformed("its tables do not fit its grid and its inputs")
-    wins, reach, of_input = winning == 1, None, np.zeros(len(inputs), np.int64)
+    wins, reach, task, of_input = winning == 1, None, None, np.zeros(len(inputs), np.int64)
     level = np.where(wins, 0, -1).astype(np.int32)[:, None]
-    if header["kind"] == REACH:
+    if header["kind"] != INVARIANCE:
         of_input, classes = classes_of(header, len(inputs))
+        if header["kind"] == TASK:
+            task = task_of(header, tables["letters.npy"], states, prod(cells))
+        memories = classes if task is None else classes * len(task.automaton.step)
         level = tables["levels.npy"]
-        if level.dtype != np.int32 or level.shape != (prod(cells), classes) or level.min() < -1:
-            raise Malformed("its levels do not fit its grid and its classes")
+        if level.dtype != np.int32 or level.shape != (prod(cells), memories) or level.min() < -1:
+            raise Malformed("its levels do not fit its grid and its memories")
         reach = reach_of(header, tables, states, (classes, len(inputs)))
     if admissible.shape != (level.size, (len(inputs) + 7) // 8):
         raise Malformed("its tables do not fit its grid and its inputs")
-    about = (states, names, lo, hi, cells, grid["periodic"], inputs, admissible, wins, level, of_input, reach)
+    about = (states, names, lo, hi, cells, grid["periodic"], inputs, admissible, wins, level, of_input, reach, task)
     return Certificate(header, *about)
 
 
@@ -159,7 +208,7 @@ def _check_header(header: dict[str, Any], states: list[str], inputs: list[str]) 
     said = header["not_covered"]
     if not isinstance(said, list) or not all(isinstance(text, str) for text in said):
         raise Malformed("its 'not_covered' is no list of sentences")
-    reaches = header["kind"] == REACH
+    reaches = header["kind"] != INVARIANCE
     expressions = [header["nominal"], *([] if header["simulator"] is None else [header["simulator"]])]
     in_frame = reaches and header["gap"] is None
     if in_frame and header["simulator"] is not None:

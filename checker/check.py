@@ -2,7 +2,8 @@
 
 For every admissible pair of a cell and an input it computes the box of successors from the stated nominal map and the
 stated bound of the gap, and verifies that every cell that this box touches wins; towards a target at a lower level, in
-the class of that input, and without touching anything on the way. What is verified of whole sets stands in `sets`.
+the class of that input, and without touching anything on the way; for a task nearer to its next good move, in the state
+that follows. What is verified of whole sets stands in `sets`, of a formula in `formula`.
 Exit status: 0 accepted, 1 rejected, 2 unreadable.
 """
 
@@ -18,7 +19,7 @@ from certificate import Certificate, read
 from expressions import Malformed
 from pairs import failing, fails_exactly
 from repeats import on_trust
-from sets import Rejected, after_class, check_sets
+from sets import Rejected, check_sets, node_name
 from successors import Steps
 
 CHUNK = 50_000  # pairs at a time
@@ -39,8 +40,12 @@ def verify(c: Certificate, sample: int | None, exactly: int, seed: int = 0, say=
         Rejected: naming the first cell whose promise is not verified.
     """
     check_sets(c)
-    promised = "each with an input" if c.reach is None else "each with an input or in the target, and clear"
+    ends = "done" if c.task is not None else "in the target"
+    promised = "each with an input" if c.reach is None else f"each with an input or {ends}, and clear"
     say(f"sets: {int(c.winning.sum()):,} of {c.size:,} cells are promised, {promised}")
+    if c.task is not None:
+        count = len(c.task.automaton.step)
+        say(f"task: '{c.task.text}' holds of every run that the automaton accepts ({count:,} states)")
     steps = Steps(c)
     if c.reach is None:
         _by_input(steps, sample, say)
@@ -68,13 +73,13 @@ def _by_input(steps: Steps, sample: int | None, say) -> None:
 def _by_node(steps: Steps, sample: int | None, exactly: int, seed: int, say) -> list[tuple[int, int]]:
     """Pairs of cells on their way to a target, cell after cell: -> about `exactly` of them."""
     c, rng, kept, pairs = steps.c, np.random.default_rng(seed), [], 0
-    cells = np.flatnonzero((c.level > 0).any(axis=1))
+    cells = np.flatnonzero((c.level >= (1 if c.task is None else 0)).any(axis=1))
     drawn = sample is not None and len(cells) > sample
     total = len(cells)
     if drawn:
         cells = np.sort(rng.choice(cells, sample, replace=False))
-    nodes = (cells[:, None] * c.classes + np.arange(c.classes)).reshape(-1)
-    nodes = nodes[c.level.reshape(-1)[nodes] > 0]
+    nodes = (cells[:, None] * c.memories + np.arange(c.memories)).reshape(-1)
+    nodes = nodes[(c.level.reshape(-1)[nodes] >= 0) & ~c.ended(nodes)]
     share = max(1, len(nodes) // exactly) if exactly else 0
     for a in range(0, len(nodes), NODES):
         own = nodes[a : a + NODES]
@@ -102,10 +107,8 @@ def _all_hold(steps: Steps, nodes: np.ndarray, ms: np.ndarray) -> None:
 def _unverified(c: Certificate, node: int, m: int) -> str:
     u = ", ".join(f"{name} = {float(v):g}" for name, v in zip(c.input_names, c.inputs[m], strict=True))
     also = " within the stated bound" if c.header["simulator"] else ""
-    cell, after = divmod(node, c.classes)
     where = "winning cells" if c.reach is None else "winning cells of lower levels, its path not clear of everything"
-    pair = f"cell {c.index(cell)}{after_class(c, after)} with input {m} ({u})"
-    return f"{pair}: its successors are not shown to lie in {where}{also}"
+    return f"{node_name(c, node)} with input {m} ({u}): its successors are not shown to lie in {where}{also}"
 
 
 def _pairs(c: Certificate, count: int) -> list[tuple[int, int]]:

@@ -1,4 +1,7 @@
-"""What a certificate of reach-while-avoid says beyond that of an invariance: target, obstacles, memory, body frame."""
+"""What a certificate of reach-while-avoid says beyond that of an invariance: target, obstacles, memory, body frame.
+
+That of a task has all of it but the target.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,7 @@ from typing import Any
 import numpy as np
 from expressions import Malformed, exact, interval
 
+TASK = "task"
 OWN = "*"  # begins the names that the checker gives to numbers of its tables
 Ends = dict[int, tuple[Fraction, Fraction]]
 
@@ -18,7 +22,7 @@ class Reach:
     """Everything by axis number.
 
     Attributes:
-        target: the box to reach. obstacles: boxes to avoid; both by the axes that they bound.
+        target: the box to reach, None for a task. obstacles: boxes to avoid; both by the axes that they bound.
         clearance: what to keep from obstacles and walls; between: by how much a path may stray from its samples where
             no swept boxes are given; walls: the same beyond the walls of a box that holds them, which may be less.
         at_rest: class in which a run starts.
@@ -28,7 +32,7 @@ class Reach:
         swept: (2, classes, M, 2) box in the body's frame, along x and y, in which the whole path of a step lies; None.
     """
 
-    target: Ends
+    target: Ends | None
     obstacles: list[Ends]
     clearance: list[Fraction]
     between: list[Fraction]
@@ -52,7 +56,8 @@ class Reach:
 def reach_tables(header: dict[str, Any]) -> tuple[str, ...]:
     """Tables that such a certificate needs."""
     more = [name for name in ("bound.npy", "swept.npy") if name in header["files"]]
-    return ("inputs.npy", "winning.npy", "levels.npy", *more)
+    own = ("letters.npy",) if header["kind"] == TASK else ()
+    return ("inputs.npy", "winning.npy", "levels.npy", *own, *more)
 
 
 def classes_of(header: dict[str, Any], inputs: int) -> tuple[np.ndarray, int]:
@@ -91,8 +96,8 @@ def reach_of(header: dict[str, Any], tables: dict[str, Any], states: list[str], 
     if any(v < 0 for v in clearance + between + walls):
         raise Malformed("a clearance is not negative")
     return Reach(
-        _box(header["target"], states),
-        [_box(one, states) for one in header["obstacles"]],
+        None if header["kind"] == TASK else box_of(header["target"], states),
+        [box_of(one, states) for one in header["obstacles"]],
         clearance,
         between,
         walls,
@@ -108,7 +113,12 @@ def _ordered(table: np.ndarray, shape: tuple[int, ...]) -> bool:
     return good and bool((table[0] <= table[1]).all())
 
 
-def _box(named: Any, states: list[str]) -> Ends:
+def box_of(named: Any, states: list[str]) -> Ends:
+    """A box by the axes that it bounds.
+
+    Raises:
+        Malformed: what bounds none of the states, or something else.
+    """
     if not isinstance(named, dict) or not named or not {*named} <= {*states}:
-        raise Malformed("a target and an obstacle bound some of the states")
+        raise Malformed("a target, an obstacle and a region bound some of the states")
     return {states.index(s): interval(ends, s) for s, ends in named.items()}

@@ -1,7 +1,8 @@
-"""Target, obstacles and walls against cells and paths; along a periodic axis a box stands for all its copies.
+"""Target, obstacles, walls and regions against cells and paths; along a periodic axis a box stands for all its copies.
 
 Faces that coincide up to rounding count as coinciding: what is allowed to reach into an obstacle, or out of the target,
-is `TOUCH` of a cell's width. Everything else is exact or rounded outward.
+is `TOUCH` of a cell's width. Everything else is exact or rounded outward. A cell counts as outside a region only where
+none of its faces touches it.
 """
 
 from __future__ import annotations
@@ -9,12 +10,16 @@ from __future__ import annotations
 from fractions import Fraction
 from functools import reduce
 from math import ceil, floor
+from typing import Any
 
+import intervals
 import numpy as np
 import rationals
-from boxes import cell_ends
+from boxes import cell_box, cell_ends, margin, unshown
 from certificate import Certificate
+from expressions import Place
 
+CHUNK = 200_000  # cells at a time
 TOUCH = Fraction(1, 2**28)
 Interval = tuple[Fraction, Fraction]
 
@@ -62,6 +67,15 @@ def cells_meeting(c: Certificate, box: dict[int, Interval], keep: list[Fraction]
     return along(c, flags)
 
 
+def cells_touching(c: Certificate, box: dict[int, Interval]) -> np.ndarray:
+    """Cells of which a state may lie in a box, its faces included, (cells,) bool."""
+    flags = {}
+    for j, ends in box.items():
+        slack, every = margin(c, j), copies(c, j, ends)
+        flags[j] = np.array([any(b + slack >= lo and a - slack <= hi for lo, hi in every) for a, b in cell_ends(c, j)])
+    return along(c, flags)
+
+
 def forbidden(c: Certificate) -> np.ndarray:
     """Cells that are nearer to an obstacle or a wall than samples may be, (cells,) bool."""
     keep, walls = c.reach.keep, c.reach.keep_from_walls
@@ -96,3 +110,34 @@ def path_is_clear(c: Certificate, path: dict[int, tuple], arithmetic):
             meets &= near
         good &= ~meets if arithmetic is not rationals else not meets
     return good
+
+
+def false_letters(c: Certificate) -> tuple[np.ndarray, str, bool]:
+    """Cells, (cells,) bool, whose letter is not shown to be true of all of them, with the region and the side."""
+    task, none = c.task, np.zeros(c.size, bool)
+    for name, inside in sorted({literal for letter in task.automaton.letters for literal in letter}):
+        has = np.array([(name, inside) in letter for letter in task.automaton.letters])
+        said = has[task.letter]
+        shown = [_shown(c, part, inside, np.flatnonzero(said)) for part in task.regions[name]]
+        bad = said & ~(np.any(shown, axis=0) if inside else np.all(shown, axis=0))
+        if bad.any():
+            return bad, name, inside
+    return none, "", False
+
+
+def _shown(c: Certificate, part: Any, inside: bool, cells: np.ndarray) -> np.ndarray:
+    """Which of these cells lie in a part of a region, or clear of it: (cells of the grid,) bool."""
+    if isinstance(part, dict):
+        return cells_in(c, part) if inside else ~cells_touching(c, part)
+    found = np.zeros(c.size, bool)
+    for a in range(0, len(cells), CHUNK):
+        own = cells[a : a + CHUNK]
+
+        def holds(places, piece, own=own):
+            box, mid = cell_box(c, np.unravel_index(own[places], c.cells), piece, intervals)
+            lo, hi = Place(intervals, {s: j for j, s in enumerate(c.states)}, box, mid, {}).range(part)
+            return np.broadcast_to(hi <= 0 if inside else lo > 0, len(places))
+
+        found[own] = True
+        found[own[unshown(len(own), {*range(len(c.cells))}, len(c.cells), holds)]] = False
+    return found

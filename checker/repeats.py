@@ -28,6 +28,7 @@ PATH = (
     "bound of the gap."
 )
 STRAY = "That a path strays from its samples by no more than the stated distances."
+CLOCK = "That samples are the stated time apart, in which deadlines are counted."
 HARDWARE = "That the simulator, or its equations, describe the real plant."
 
 
@@ -52,6 +53,8 @@ def on_trust(c: Certificate) -> list[str]:
     unknown = c.header["simulator"] is None
     between = BETWEEN if c.reach is None else STRAY if c.reach.swept is None else PATH
     found = [between, *([BLACK_BOX] if unknown else []), HARDWARE]
+    if c.task is not None and "[" in c.task.text:
+        found.append(CLOCK)
     for s, period in _periods(c).items():
         same = f"That states {float(period):g} apart along {s} are one and the same"
         found.append(same + (", and the black box repeats itself so." if unknown else "."))

@@ -37,7 +37,7 @@ class Steps:
         values = [[intervals.number(v) for v in row] for row in c.inputs]
         self.low, self.high = (np.array([[v[end] for v in row] for row in values]) for end in (0, 1))
         self.within: list[Any] = []
-        if c.reach is not None and c.reach.pose is not None:  # the same lists everywhere: a place evaluates them once
+        if c.reach is not None and c.reach.pose is not None:
             self.cos, self.sin = ["cos", c.states[c.reach.pose[2]]], ["sin", c.states[c.reach.pose[2]]]
         if c.reach is not None and c.reach.bound is not None:
             self.ends = self._framed()
@@ -49,6 +49,10 @@ class Steps:
                     d = ["+", head["simulator"][s], ["*", -1, head["nominal"][s]]]
                     self.within += [["+", d, ["*", -1, lower]], ["+", upper, ["*", -1, d]]]
         self.path = self._paths() if c.reach is not None and c.reach.swept is not None else {}
+        pool: dict[Any, list[Any]] = {}
+        self.ends = [[shared(e, pool) for e in own] for own in self.ends]
+        self.path = {j: [shared(e, pool) for e in own] for j, own in self.path.items()}
+        self.within = [shared(e, pool) for e in self.within]
         axes = {s: j for j, s in enumerate(c.states)}
         ends = [set().union(*(_axes(e, axes) for e in own)) for own in self.ends]
         every = [e for own in [*self.ends, *self.path.values(), self.within] for e in own]
@@ -95,6 +99,14 @@ class Steps:
             for letter, axis in (("p", 0), ("q", 1)):
                 named |= _sides(c.reach.swept, letter, classes, ms, axis, arithmetic)
         return Place(arithmetic, {s: j for j, s in enumerate(c.states)}, box, mid, named)
+
+
+def shared(e: Any, pool: dict[Any, list[Any]]) -> Any:
+    """An expression whose equal parts are one list, also those of others of the pool: a place evaluates them once."""
+    if not isinstance(e, list):
+        return e
+    own = [shared(part, pool) for part in e]
+    return pool.setdefault(tuple(("list", id(part)) if isinstance(part, list) else part for part in own), own)
 
 
 def _axes(e: Any, axes: dict[str, int]) -> set[int]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -18,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap import reading
-from simgap.arrays import Floats
-from simgap.errors import UserError
+from simgap.arrays import Floats, Ints
+from simgap.errors import UserError, placed
 from simgap.gap.bounds.basis import Form
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.closed_form import ClosedFormGap
@@ -35,16 +36,18 @@ from simgap.late import sympy as sp
 from simgap.model.sampled import NominalModel
 from simgap.plants.context import Context
 from simgap.specifications.base import specification_of
+from simgap.specifications.formula import Automaton, parse, regions
 from simgap.specifications.invariance import Invariance
 from simgap.specifications.reaching import ReachAvoid
 from simgap.specifications.solution import Solution
-from simgap.specifications.space import Space
+from simgap.specifications.space import KEY, Space, partial_box
+from simgap.specifications.task import Task, inequality
 from simgap.stages import log
 from simgap.stages.synthesis import pose_problem
 
 FORMAT, VERSION = "simgap certificate", 1
 HEADER, INPUTS, WINNING, LEVELS = "certificate.json", "inputs.npy", "winning.npy", "levels.npy"
-BOUND, SWEPT = "bound.npy", "swept.npy"
+LETTERS, BOUND, SWEPT = "letters.npy", "bound.npy", "swept.npy"
 BETWEEN = "What happens between two sampling instants: a certificate is about the states at them."
 BLACK_BOX = (
     "That the bound of the gap holds for the simulator, which is a black box: the certificate takes it as stated, with "
@@ -55,12 +58,30 @@ PATH = (
     "bound of the gap."
 )
 STRAY = "That a path strays from its samples by no more than the stated distances."
+CLOCK = "That samples are the stated time apart, in which deadlines are counted."
 HARDWARE = "That the simulator, or its equations, describe the real plant."
 
 
 @dataclass(frozen=True, eq=False)
+class Watched:
+    """A formula over regions, and the automaton with which a controller watches over it.
+
+    Attributes:
+        formula: as the case has it; tau: the sampling time, s.
+        regions: by name boxes, infinite along states that do not matter, and expressions, not positive inside.
+        automaton: over the letters whose numbers are `letters` (cells,).
+    """
+
+    formula: str
+    tau: float
+    regions: Mapping[str, Sequence[Box | sp.Expr]]
+    automaton: Automaton
+    letters: Ints
+
+
+@dataclass(frozen=True, eq=False)
 class Reached:
-    """Target that is to be reached, and obstacles that are to be avoided.
+    """Target that is to be reached, or task that is to be kept, and obstacles that are to be avoided.
 
     Attributes:
         target, obstacles: boxes over all states, infinite along those that they do not bound.
@@ -70,7 +91,7 @@ class Reached:
         swept: lower and upper ends of the box in which each path lies, by class of the previous input, (C, M, 2) each.
     """
 
-    target: Box
+    target: Box | Watched
     obstacles: Sequence[Box]
     clearance: Floats
     between: Floats
@@ -106,7 +127,8 @@ def write_certificate(folder: Path, what: Certified, record: Mapping[str, Any]) 
     Raises:
         UserError: what this version of the form does not cover.
     """
-    head = header(what)
+    with placed(key="plant"):
+        head = header(what)
     folder.mkdir(parents=True, exist_ok=True)
     files = {name: _write_table(folder / name, table) for name, table in tables(what).items()}
     head |= {"files": files, "provenance": dict(record)}
@@ -122,6 +144,8 @@ def tables(what: Certified) -> dict[str, NDArray[Any]]:
     found: dict[str, NDArray[Any]] = {INPUTS: s.admitted(len(what.input_set)), WINNING: s.winning.astype(np.uint8)}
     if s.value is not None:
         found[LEVELS] = s.value.reshape(-1, s.memory)
+    if isinstance(what.task, Reached) and isinstance(what.task.target, Watched):
+        found[LETTERS] = what.task.target.letters.astype(np.int32)
     if isinstance(what.bound, BodyFrameGap):
         found[BOUND] = np.stack([what.bound.class_lower, what.bound.class_upper])
     if isinstance(what.task, Reached) and what.task.swept is not None:
@@ -139,8 +163,8 @@ def header(what: Certified) -> dict[str, Any]:
     reached = task if isinstance(task, Reached) else None
     if (solution.value is None) != (reached is None) or solution.late or (reached is None and solution.memory != 1):
         raise UserError(
-            "a certificate covers invariance and reach-while-avoid without latency, and this controller is for "
-            "something else",
+            "a certificate covers invariance, reach-while-avoid and tasks without latency, and this controller is "
+            "for something else",
             key="synthesis.specification",
             remedy="The closed loop and the audit are what checks it.",
         )
@@ -149,13 +173,16 @@ def header(what: Certified) -> dict[str, Any]:
         raise UserError(problem, key="gap.bound", remedy="Use gap.bound: scenario with a basis of terms, or constant.")
     states, grid, known = bound.domain.states, solution.grid, what.known
     not_covered = [HARDWARE] if known is not None else [BLACK_BOX, HARDWARE]
+    watched = reached.target if reached is not None and isinstance(reached.target, Watched) else None
+    if watched is not None and "[" in watched.formula:
+        not_covered.append(CLOCK)
     for j in sorted(grid.periodic):
         same = f"That states {grid.box.hi[j] - grid.box.lo[j]:g} apart along {states[j]} are one and the same"
         not_covered.append(same + (", and the black box repeats itself so." if known is None else "."))
     return {
         "format": FORMAT,
         "version": VERSION,
-        "kind": "invariance" if reached is None else "reach_avoid",
+        "kind": "invariance" if reached is None else "reach_avoid" if watched is None else "task",
         "case": what.case,
         "states": [{"name": s, "unit": what.units[s]} for s in states],
         "inputs": [{"name": u, "unit": what.units[u]} for u in what.input_names],
@@ -187,13 +214,46 @@ def _reached(states: Sequence[str], task: Reached, what: Certified) -> dict[str,
     of_input = np.zeros(len(what.input_set), np.int64) if kind is None else kind
     obstacles, walls = np.broadcast_to(task.between, (2, len(states)))
     return {
-        "target": _named(states, task.target),
+        **(
+            _watched(states, task.target)
+            if isinstance(task.target, Watched)
+            else {"target": _named(states, task.target)}
+        ),
         "obstacles": [_named(states, box) for box in task.obstacles],
         "clearance": dict(zip(states, _hex(task.clearance), strict=True)),
         "between": dict(zip(states, _hex(obstacles), strict=True)),
         "between_walls": dict(zip(states, _hex(walls), strict=True)),
         "pose": None if task.pose is None else [states[j] for j in task.pose],
         "classes": {"of_input": of_input.tolist(), "at_rest": first},
+    }
+
+
+def _watched(states: Sequence[str], task: Watched) -> dict[str, Any]:
+    """Formula, regions and automaton.
+
+    Raises:
+        UserError: a deadline or an inequality that the form does not have.
+    """
+    for unit in re.findall(r"\[\s*<=\s*[\d.]+ *([^\]]*?)\s*\]", task.formula):
+        if unit not in ("", "s", "ms", "min", "h"):
+            remedy = "Write it in s, ms, min or h."
+            raise UserError(f"a certificate has no deadline in '{unit}'", key=f"{KEY}.formula", remedy=remedy)
+    parts = {}
+    for name, region in task.regions.items():
+        with placed(key=f"{KEY}.regions.{name}"):
+            parts[name] = [_named(states, part) if isinstance(part, Box) else prefix(part) for part in region]
+    watch = task.automaton
+    return {
+        "formula": task.formula,
+        "sampling_time": fraction(Fraction(repr(task.tau))),
+        "regions": parts,
+        "automaton": {
+            "letters": [sorted(map(list, letter)) for letter in watch.letters],
+            "step": watch.step.tolist(),
+            "good": watch.good.tolist(),
+            "done": watch.done,
+            "persists": watch.persists,
+        },
     }
 
 
@@ -257,7 +317,8 @@ def run(case_path: Path, gap: Path, controller_path: Path, out: Path) -> None:
         controller, bound = load_controller_of(controller_path, context), load_gap(gap, context)
         what = Certified(
             context.case.name, context.units, context.plant.sampled, bound.function, known_gap(context),
-            controller.solution, controller.input_set, controller.input_names, _task(context, bound, gap),
+            controller.solution, controller.input_set, controller.input_names,
+            _task(context, bound, gap, controller.solution),
         )  # fmt: skip
         head = write_certificate(out, what, context.record("certify"))
     won = int(controller.solution.winning.sum())
@@ -265,7 +326,7 @@ def run(case_path: Path, gap: Path, controller_path: Path, out: Path) -> None:
     log.info("certificate of %d cells and %d pairs in %s (digest %s)", won, pairs, out, head["digest"][:16])
 
 
-def _task(context: Context, bound: SavedGap, gap: Path) -> Box | Reached:
+def _task(context: Context, bound: SavedGap, gap: Path, solution: Solution) -> Box | Reached:
     """The safe box, or target, obstacles and what is known of the path between samples.
 
     Raises:
@@ -277,16 +338,36 @@ def _task(context: Context, bound: SavedGap, gap: Path) -> Box | Reached:
         raise _refused("no hidden state but that of a robot in the plane")
     if isinstance(specification, Invariance) and not framed:
         return specification.region(space)
-    if not isinstance(specification, ReachAvoid):
-        raise _refused("invariance, or reach-while-avoid that ends in its target")
+    if not isinstance(specification, ReachAvoid | Task):
+        raise _refused("invariance, reach-while-avoid that ends in its target, or tasks")
     problem, _ = pose_problem(context, gap)
     swept = None
     if problem.swept is not None and bound.swept is not None:
         swept = bound.swept_by_class or (bound.swept[0][None], bound.swept[1][None])
     return Reached(
-        specification.goal_box(space), specification.boxes(space), space.vector(specification.clearance),
+        target_of(specification, space, solution), specification.boxes(space), space.vector(specification.clearance),
         np.zeros(space.size) if problem.stray is None else problem.stray, space.pose if framed else None, swept,
     )  # fmt: skip
+
+
+def target_of(task: ReachAvoid | Task, space: Space, solution: Solution) -> Box | Watched:
+    """The box to reach, or what a controller watches over.
+
+    Raises:
+        UserError: a controller that moves another automaton on.
+    """
+    if isinstance(task, ReachAvoid):
+        return task.goal_box(space)
+    automaton, letters = task.watch(space, solution.grid, np.zeros(space.size))
+    after = np.where(solution.free, automaton.step[:, letters], 0)
+    if solution.progress is None or not np.array_equal(np.maximum(after, 0).T, solution.progress.after):
+        raise UserError("the controller watches over another task", key=f"{KEY}.formula", remedy="Run the case again.")
+    named = sorted(regions(parse(task.formula, lambda bound: 0)))
+    parts = {
+        name: [inequality(p, space, name) if isinstance(p, str) else partial_box(p, space.states) for p in own]
+        for name, own in ((name, task.regions[name]) for name in named)
+    }
+    return Watched(task.formula, space.tau, parts, automaton, letters)
 
 
 def _refused(what: str) -> UserError:
@@ -343,7 +424,7 @@ def prefix(e: Any) -> Any:
     if e.is_Pow:
         return _prefix_power(e)
     remedy = f"It has numbers, powers with integers, {', '.join(_OPERATIONS.values())}."
-    raise UserError(f"a certificate has no form for '{type(e).__name__}'", key="plant", remedy=remedy)
+    raise UserError(f"a certificate has no form for '{type(e).__name__}'", remedy=remedy)
 
 
 def fraction(value: Fraction) -> str:
@@ -357,4 +438,4 @@ def _prefix_power(e: sp.Pow) -> Any:
     if n.is_number and n == int(n) and n != 0:
         base = prefix(e.base) if abs(int(n)) == 1 else ["^", prefix(e.base), abs(int(n))]
         return base if n > 0 else ["/", base]
-    raise UserError(f"a certificate has no form for '{e}'", key="plant", remedy="Use powers with integers.")
+    raise UserError(f"a certificate has no form for '{e}'", remedy="Use powers with integers.")

@@ -128,15 +128,15 @@ class Task(Arena):
 
     def solve(self, game: Game) -> Solution:
         """The product of the game with the automaton of the formula."""
-        automaton, letters = self._letters(game.space, game.grid, game.error)
+        automaton, letters = self.watch(game.space, game.grid, game.error)
         return solve(game, automaton, letters, self.free(game.space, game.grid, game.stray + game.error))
 
     def fit(self, space: Space, grid: Grid, error: Floats) -> Bools:
         """Cells whose letter the formula allows at first; regions must hold a cell, and some way keep the formula."""
-        automaton, letters = self._letters(space, grid, error)
+        automaton, letters = self.watch(space, grid, error)
         return np.asarray(automaton.step[0, letters] >= 0)
 
-    def _letters(self, space: Space, grid: Grid, error: Floats) -> tuple[Automaton, Ints]:
+    def watch(self, space: Space, grid: Grid, error: Floats) -> tuple[Automaton, Ints]:
         """The formula's automaton over the letters that cells have, and the number of each cell's, (cells,)."""
         sure, formula = {}, self._read(space)
         for name in sorted(regions(formula)):

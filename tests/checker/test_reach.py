@@ -10,13 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simgap.extras.certify import Certified, Reached, write_certificate
+from simgap.extras.certify import Certified, Reached, target_of, write_certificate
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain
 from simgap.gap.bounds.previous import PreviousClasses
 from simgap.geometry import Box
 from simgap.specifications.reaching import ReachAvoid
 from simgap.specifications.space import Space
+from simgap.specifications.task import Task
 from simgap.synthesis.abstraction.intersample import planar_swept_cells
 from simgap.synthesis.games.game import PreviousBounds
 from simgap.synthesis.synthesise import SynthesisProblem, synthesise
@@ -32,11 +33,16 @@ ARENA = {
     "target": {"x": (2.2, 3.0), "y": (0.2, 1.2)},
     "clearance": {"x": 0.1, "y": 0.1},
 }
+ROUNDS = {key: ARENA[key] for key in ("obstacles", "clearance")} | {
+    "formula": "G F left & G F right",
+    "regions": {"left": {"x": (0.2, 1.0), "y": (1.4, 2.8)}, "right": {"x": (1.8, 2.8), "y": (1.4, 2.8)}},
+}
 
 
 def made_of(classes, arena, swept=True, one=False):
     """Controller and certificate of a robot whose gap is wider after some inputs than after others."""
-    model, specification = unicycle(), ReachAvoid(kind="reach_avoid", **arena)
+    kind = "task" if "formula" in arena else "reach_avoid"
+    model, specification = unicycle(), {"task": Task, "reach_avoid": ReachAvoid}[kind](kind=kind, **arena)
     kind = PreviousClasses.of(U, classes)
     wide = 1.0 + 0.3 * np.arange(kind.count)[:, None, None]
     upper = wide * np.array([0.004, 0.003, 0.01]) * (1.0 + np.abs(U).sum(axis=1))[None, :, None]
@@ -59,7 +65,7 @@ def made_of(classes, arena, swept=True, one=False):
         problem = replace(problem, previous=previous if kind.count > 1 else None)
     solution = synthesise(replace(problem, stray=stray))
     task = Reached(
-        specification.goal_box(SPACE), specification.boxes(SPACE), SPACE.vector(specification.clearance),
+        target_of(specification, SPACE, solution), specification.boxes(SPACE), SPACE.vector(specification.clearance),
         np.zeros(3) if stray is None else stray, (0, 1, 2), boxes if swept else None,
     )  # fmt: skip
     units = {"x": "m", "y": "m", "t": "rad", "v": "m/s", "w": "rad/s"}
@@ -121,6 +127,23 @@ def test_a_controller_with_one_input_a_cell_is_verified_by_its_one_input(tmp_pat
     pairs = int((made.solution.value > 0).sum())
     assert pairs > 1000
     assert f"{pairs:,} pairs of node and input" in words
+
+
+def test_a_task_of_a_robot_that_remembers_is_verified_and_a_wider_bound_is_not(tmp_path):
+    """Memory is the state of the task and, in it, the class of the previous input."""
+    made = made_of((3, 1), ROUNDS)
+    write_certificate(tmp_path, made, {})
+    status, words = run(tmp_path, "--exact", "40")
+    assert (status, "ACCEPTED" in words) == (0, True), words
+    assert made.solution.memory == 6
+    assert made.solution.fraction > 0.3
+    assert f"{int(bits(made).sum()):,} pairs of node and input" in words
+    bound = np.load(tmp_path / "bound.npy")
+    bound[1, 2, :, 0] += 0.06
+    change(tmp_path, bound=bound)
+    status, words = run(tmp_path, "--exact", "0")
+    assert status == 1
+    assert " of the task after an input of class 2 with input" in words
 
 
 def test_a_sample_is_seeded_and_says_so(certificate):
