@@ -59,10 +59,11 @@ def save(figure: Any, target: Any, kind: str, dpi: float | None = None) -> None:
 
     text_alone(figure)
     figure.set_dpi(dpi or rcParams["savefig.dpi"])
+    canvas: Any = (FigureCanvasSVG if kind == "svg" else FigureCanvasAgg)(figure)
     if kind == "svg":
-        FigureCanvasSVG(figure).print_svg(target, metadata={"Date": None, "Creator": None})
+        canvas.print_svg(target, metadata={"Date": None, "Creator": None})
     else:
-        FigureCanvasAgg(figure).print_png(target, metadata={"Software": None})
+        canvas.print_png(target, metadata={"Software": None})
 
 
 def text_alone(figure: Any) -> None:
