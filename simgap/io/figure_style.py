@@ -51,7 +51,7 @@ def save(figure: Any, target: Any, kind: str, dpi: float | None = None) -> None:
     """The one way out of every figure, `kind` svg or png: what it says is text that can be printed.
 
     It carries no date and no version, so equal figures are equal bytes. `savefig` would draw it twice, first to lay it
-    out; drawing does so too.
+    out; drawing does so too, the first time.
     """
     from matplotlib import rcParams
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -64,6 +64,7 @@ def save(figure: Any, target: Any, kind: str, dpi: float | None = None) -> None:
         canvas.print_svg(target, metadata={"Date": None, "Creator": None})
     else:
         canvas.print_png(target, metadata={"Software": None})
+    figure.set_layout_engine("none")
 
 
 def text_alone(figure: Any) -> None:
