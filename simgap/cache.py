@@ -15,8 +15,6 @@ from importlib.util import cache_from_source
 from pathlib import Path
 from typing import IO, Any
 
-from simgap import reading
-
 PACKAGE = Path(__file__).parent
 
 
@@ -43,6 +41,8 @@ def whole_file(path: Path) -> Iterator[IO[bytes]]:
 
 def recall(kind: str, question: str) -> Any:
     """What `remember` kept of this question; None if it is not there, damaged or from another hand."""
+    from simgap import reading  # not before `keep_bytecode` has been called
+
     try:
         check, body = reading.read_text(_place(kind, question)).split("\n", 1)
         return json.loads(body) if check == _digest(body) else None
