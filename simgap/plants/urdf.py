@@ -35,6 +35,12 @@ from simgap.plants.urdf_checks import loading, root_link
 GRAVITY = ("gravity_x", "gravity_y", "gravity_z")
 _AXES = "xyz"
 _MOMENTS = ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
+_INERTIAL = {
+    "m": ("kg", "mass of {}"),
+    **{f"c{axis}": ("m", "centre of mass of {} from its joint") for axis in _AXES},
+    **dict.fromkeys(_MOMENTS, ("kg*m^2", "inertia of {} about its joint")),
+}
+"""Inertial parameters of a body: unit, and what it is."""
 
 
 def load_urdf(
@@ -168,27 +174,20 @@ def mechanism(path: Path) -> dict[str, Any]:
         UserError: a file that Drake does not take, or a joint other than a hinge or a slide.
     """
     question = f"1 {version('drake')} {hashlib.sha256(reading.read_bytes(path)).hexdigest()}"
-    known = recall("urdf", question)
+    known: dict[str, Any] | None = recall("urdf", question)
     if known is None:
-        known = _read_by_drake(path)
+        plant, names = multibody_plant(path, (0.0, 0.0, 0.0))
+        bodies = {body.name(): _inertia(body) for body in moving_bodies(plant)}
+        known = {"bodies": bodies, "joints": _joints(plant, [plant.GetJointByName(name) for name in names])}
         remember("urdf", question, known)
-    found: dict[str, Any] = known
-    return found
-
-
-def _read_by_drake(path: Path) -> dict[str, Any]:
-    plant, names = multibody_plant(path, (0.0, 0.0, 0.0))
-    return {
-        "bodies": {body.name(): _inertia(body) for body in moving_bodies(plant)},
-        "joints": _joints(plant, [plant.GetJointByName(name) for name in names]),
-    }
+    return known
 
 
 def _inertia(body: Any) -> dict[str, float]:
     inertia = body.default_spatial_inertia()
-    com, tensor = inertia.get_com(), inertia.CalcRotationalInertia().CopyToFullMatrix3()  # about its frame's origin
-    moments = {m: float(tensor[_AXES.index(m[1]), _AXES.index(m[2])]) for m in _MOMENTS}
-    return {"m": float(inertia.get_mass()), **{f"c{a}": float(com[k]) for k, a in enumerate(_AXES)}, **moments}
+    tensor = inertia.CalcRotationalInertia().CopyToFullMatrix3()  # about its frame's origin
+    moments = (tensor[_AXES.index(m[1]), _AXES.index(m[2])] for m in _MOMENTS)
+    return dict(zip(_INERTIAL, map(float, (inertia.get_mass(), *inertia.get_com(), *moments)), strict=True))
 
 
 def _joints(plant: Any, joints: Sequence[Any]) -> list[dict[str, Any]]:
@@ -226,14 +225,11 @@ def _parts(pose: Any) -> tuple[Floats, Floats]:
 
 
 def _inertial_parameters(own: Mapping[str, Any]) -> dict[str, Parameter]:
-    parameters: dict[str, Parameter] = {}
-    for name, values in own["bodies"].items():
-        for key, value in values.items():
-            unit, what = {"m": ("kg", "mass of {}"), "c": ("m", "centre of mass of {} from its joint")}.get(
-                key[0], ("kg*m^2", "inertia of {} about its joint")
-            )
-            parameters[f"{name}.{key}"] = Parameter(value, unit, what.format(name))
-    return parameters
+    return {
+        f"{name}.{key}": Parameter(values[key], unit, what.format(name))
+        for name, values in own["bodies"].items()
+        for key, (unit, what) in _INERTIAL.items()
+    }
 
 
 def moving_bodies(plant: Any) -> list[Any]:
@@ -324,5 +320,5 @@ def _tree(own: Mapping[str, Any], value: Callable[[str], Any], gravity: Floats) 
 
 def _standard(body: str, value: Callable[[str], Any]) -> Floats:
     """`model.tree.PARAMETERS` of a body, by the value of each of its inertial parameters."""
-    own = {key: value(f"{body}.{key}") for key in ("m", *(f"c{a}" for a in _AXES), *_MOMENTS)}
+    own = {key: value(f"{body}.{key}") for key in _INERTIAL}
     return np.array([own[p] if p in own else own["m"] * own[f"c{p[1]}"] for p in PARAMETERS])
