@@ -94,7 +94,8 @@ if not TYPE_CHECKING:
     rerun_blueprint = _Library("rerun.blueprint")
 
     def njit(*signature: Any, **options: Any) -> Any:
-        """Kernel as `numba.njit` makes it, with and without arguments."""
+        """Kernel as `numba.njit` makes it, with and without arguments, without a wrapper for C code: none calls it."""
+        options = {"no_cfunc_wrapper": True} | options
         if len(signature) == 1 and callable(signature[0]):
             return _Kernel(signature[0], ((), options))
         return lambda function: _Kernel(function, (signature, options))

@@ -40,18 +40,31 @@ _LEGEND = 0.95  # of a figure's width; letters are wider by up to a twentieth wh
 
 @contextmanager
 def figure_style() -> Iterator[None]:
-    """Matplotlib without a display, in the style of the reports, inside the block."""
+    """Matplotlib in the style of the reports, inside the block."""
     import matplotlib
 
-    matplotlib.use("Agg", force=False)
     with matplotlib.rc_context(fname=str(folder() / STYLE)):
         yield
 
 
-def save(figure: Any, target: Any, **options: Any) -> None:
-    """The one way out of every figure: what it says is text that can be printed."""
+def save(figure: Any, target: Any, kind: str, dpi: float | None = None) -> None:
+    """The one way out of every figure, `kind` svg or png: what it says is text that can be printed.
+
+    It carries no date and no version, so equal figures are equal bytes. `savefig` would draw it twice, first to lay it
+    out; drawing does so too, the first time.
+    """
+    from matplotlib import rcParams
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
     text_alone(figure)
-    figure.savefig(target, **options)
+    figure.set_dpi(dpi or rcParams["savefig.dpi"])
+    canvas: Any = (FigureCanvasSVG if kind == "svg" else FigureCanvasAgg)(figure)
+    if kind == "svg":
+        canvas.print_svg(target, metadata={"Date": None, "Creator": None})
+    else:
+        canvas.print_png(target, metadata={"Software": None})
+    figure.set_layout_engine("none")
 
 
 def text_alone(figure: Any) -> None:
@@ -75,29 +88,28 @@ def _label(text: str) -> str:
 
 
 def svg_text(figure: Any) -> str:
-    """A figure as an SVG element to put into a page; it carries no date, so equal figures are equal text."""
+    """A figure as an SVG element to put into a page."""
     buffer = io.StringIO()
-    save(figure, buffer, format="svg", metadata={"Date": None, "Creator": None})
+    save(figure, buffer, "svg")
     text = buffer.getvalue()
     element = text[text.index("<svg") :]
     return Markup(re.sub(r'width="[\d.]+pt" height="[\d.]+pt"', 'width="100%"', element, count=1))
 
 
 def drawn(path: Path, figure: Callable[..., Any], *content: Any) -> str:
-    """`figure(*content)` drawn once, as its file asks, then freed: -> the text of an SVG, which is what a page takes.
+    """`figure(*content)` drawn once, as its file asks: -> the text of an SVG, which is what a page takes.
 
     Where it cannot be drawn, a sentence stands in its place, no more is lost.
     """
     text = ""
     try:
         made = figure(*content)
-        if path.suffix == ".png":  # without a date or version
+        if path.suffix == ".png":
             with atomic(path) as temporary:
-                save(made, temporary, format="png", metadata={"Software": None})
+                save(made, temporary, "png")
         else:
             text = svg_text(made)
             write_text(path, text)
-        close(made)
         return text
     except Exception as error:  # of the libraries: no number and no verdict rests on a picture
         log.warning("%s could not be drawn: %s", path.name, one_line(f"{type(error).__name__}: {error}"))
@@ -106,10 +118,14 @@ def drawn(path: Path, figure: Callable[..., Any], *content: Any) -> str:
 
 
 def panels(rows: int, columns: int, height: float, width: float = WIDTH, **shared: Any) -> tuple[Any, Any]:
-    """A figure of a page's width, `height` inches high, and its axes (rows, columns); `shared` as for `subplots`."""
-    import matplotlib.pyplot as plt
+    """A figure of a page's width, `height` inches high, and its axes (rows, columns); `shared` as for `subplots`.
 
-    return plt.subplots(rows, columns, figsize=(width, height), squeeze=False, **shared)
+    It is none of pyplot's, which would keep it until it is closed.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure((width, height))
+    return figure, figure.subplots(rows, columns, squeeze=False, **shared)
 
 
 def legend(figure: Any, ncols: int = 6, markerscale: float = 1.0) -> None:
@@ -136,10 +152,3 @@ def legend(figure: Any, ncols: int = 6, markerscale: float = 1.0) -> None:
 def _colour(handle: Any) -> str:
     first = handle[0] if isinstance(handle, tuple) else handle  # of a container
     return str(first.get_color() if hasattr(first, "get_color") else first.get_facecolor())
-
-
-def close(figure: Any) -> None:
-    """Free a figure."""
-    import matplotlib.pyplot as plt
-
-    plt.close(figure)

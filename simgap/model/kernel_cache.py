@@ -32,13 +32,19 @@ _PACKAGE = "simgap_kernels"
 _LARGE = 10**6  # bytes of an array above which numba takes its address for its content, and keeps no machine code
 
 
+_OPTIONS: dict[str, dict[str, Any]] = {
+    "njit": {"error_model": "numpy", "no_cfunc_wrapper": True},  # C calls none of them, and wrappers take time
+    "cfunc": {"error_model": "numpy"},
+}
+
+
 class _NotWritable(Exception):
     """Something that a closure holds has no text, or there is no place for it."""
 
 
 def cached_kernel(function: Callable[..., Any]) -> Kernel:
     """`numba.njit(error_model="numpy")` of a closure; its machine code is kept between processes where it can be."""
-    return _cached(function, "njit", "", lambda f: numba.njit(error_model="numpy")(f))
+    return _cached(function, "njit", "", lambda f: numba.njit(**_OPTIONS["njit"])(f))
 
 
 def cached_kernel_as(signature: Any, decorator: str = "njit") -> Callable[[Callable[..., Any]], Any]:
@@ -46,7 +52,7 @@ def cached_kernel_as(signature: Any, decorator: str = "njit") -> Callable[[Calla
 
     def decorate(function: Callable[..., Any]) -> Any:
         name = next(name for name, value in function.__globals__.items() if value is signature)
-        compiled = getattr(numba, decorator)(signature, error_model="numpy")
+        compiled = getattr(numba, decorator)(signature, **_OPTIONS[decorator])
         return _cached(function, decorator, f"{name}, ", compiled, name)
 
     return decorate
@@ -55,7 +61,8 @@ def cached_kernel_as(signature: Any, decorator: str = "njit") -> Callable[[Calla
 def _cached(function: Callable[..., Any], decorator: str, first: str, compiled: Callable[..., Any], *names: str) -> Any:
     try:
         head = ["from __future__ import annotations", f"from numba import {decorator}", *_bindings(function, names)]
-        mark = f'@{decorator}({first}error_model="numpy", cache=True)'
+        options = ", ".join(f"{name}={value!r}" for name, value in _OPTIONS[decorator].items())
+        mark = f"@{decorator}({first}{options}, cache=True)"
         module = _module("\n".join([*head, "", mark, _text_of(function)]))
         return getattr(module, function.__name__)
     except (_NotWritable, OSError):

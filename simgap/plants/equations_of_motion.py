@@ -11,18 +11,15 @@ numbers, so that nothing of it is ever run. Only what reads back as the same exp
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from simgap import reading
 from simgap.arrays import Floats
-from simgap.cache import cache_folder, whole_file
+from simgap.cache import recall, remember
 from simgap.late import sympy as sp
 from simgap.model.symbolic import symbol
 from simgap.model.tree import Tree, forces
@@ -99,45 +96,15 @@ def simplified(matrix: sp.Matrix, how: Callable[[sp.Matrix], sp.Matrix], name: s
         name: of the function and its version.
     """
     question = f"{_RULE} {sp.__version__} {name} {sp.srepr(matrix)}"
-    home = cache_folder()
-    path = home / "expressions" / f"{hashlib.sha256(question.encode()).hexdigest()[:32]}.json" if home else None
-    known = _read(path) if path else None
-    if known is not None:
-        return known
+    with suppress(ValueError, KeyError, TypeError, RecursionError):  # nothing, or nothing that is written here
+        known = recall("expressions", question)
+        return sp.Matrix(*known["shape"], [_expression(e) for e in known["entries"]])
     made = how(matrix)
-    if path:
-        _keep(path, made)
+    with suppress(_Other, RecursionError):
+        entries = [_written(e) for e in made]
+        if [_expression(e) for e in entries] == list(made):
+            remember("expressions", question, {"shape": made.shape, "entries": entries})
     return made
-
-
-def _read(path: Path) -> sp.Matrix | None:
-    """The matrix of a file; None if it is not there, damaged or from another hand."""
-    try:
-        digest, body = reading.read_text(path).split("\n", 1)
-        if digest != _digest(body):
-            return None
-        content = json.loads(body)
-        return sp.Matrix(*content["shape"], [_expression(e) for e in content["entries"]])
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return None
-
-
-def _keep(path: Path, matrix: sp.Matrix) -> None:
-    """Write it whole or not at all; without a place to write, nothing is kept."""
-    try:
-        entries = [_written(e) for e in matrix]
-        if [_expression(e) for e in entries] != list(matrix):
-            return
-        body = json.dumps({"shape": matrix.shape, "entries": entries})
-        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        with whole_file(path) as file:
-            file.write(f"{_digest(body)}\n{body}".encode())
-    except (_Other, OSError, RecursionError):
-        return
-
-
-def _digest(body: str) -> str:
-    return hashlib.sha256(body.encode()).hexdigest()
 
 
 def _written(e: sp.Expr) -> Any:

@@ -12,14 +12,18 @@ controller) refuses them.
 
 from __future__ import annotations
 
+import hashlib
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from simgap import reading
 from simgap.arrays import Floats
+from simgap.cache import recall, remember
 from simgap.config.plant import Input, State
 from simgap.errors import UserError
 from simgap.late import sympy as sp
@@ -31,6 +35,12 @@ from simgap.plants.urdf_checks import loading, root_link
 GRAVITY = ("gravity_x", "gravity_y", "gravity_z")
 _AXES = "xyz"
 _MOMENTS = ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
+_INERTIAL = {
+    "m": ("kg", "mass of {}"),
+    **{f"c{axis}": ("m", "centre of mass of {} from its joint") for axis in _AXES},
+    **dict.fromkeys(_MOMENTS, ("kg*m^2", "inertia of {} about its joint")),
+}
+"""Inertial parameters of a body: unit, and what it is."""
 
 
 def load_urdf(
@@ -47,21 +57,22 @@ def load_urdf(
     Raises:
         UserError: a file that Drake does not take, joints and states that do not match.
     """
-    plant, joints = multibody_plant(path, (0.0, 0.0, -gravity))
+    own = mechanism(path)
+    joints = [joint["name"] for joint in own["joints"]]
     order, rates = _match(path, states, joints)
-    parameters = _inertial_parameters(plant)
+    parameters = _inertial_parameters(own)
     for name, value in zip(GRAVITY, (0.0, 0.0, -gravity), strict=True):
         parameters[name] = Parameter(value, "m/s^2", "component of gravity in the world frame")
-    units = ["N*m" if plant.GetJointByName(j).type_name() == "revolute" else "N" for j in joints]
+    units = ["N" if joint["slides"] else "N*m" for joint in own["joints"]]
     forces = []
-    for joint, rate, force in zip(joints, rates, units, strict=True):
-        drive = sum((symbol(n) for n, own in inputs.items() if own.joint == joint), sp.Integer(0))
-        if damping := plant.GetJointByName(joint).default_damping():
+    for joint, rate, force, damping in zip(joints, rates, units, (j["damping"] for j in own["joints"]), strict=True):
+        drive = sum((symbol(n) for n, i in inputs.items() if i.joint == joint), sp.Integer(0))
+        if damping:
             unit = "N*m*s/rad" if force == "N*m" else "N*s/m"
             parameters[f"{joint}.damping"] = Parameter(damping, unit, "viscous damping declared in the URDF")
             drive -= symbol(f"{joint}.damping") * symbol(rate)
         forces.append(drive)
-    inverse, acceleration = _accelerations(plant, joints, order, rates, parameters, sp.Matrix(forces))
+    inverse, acceleration = _accelerations(own, order, rates, parameters, sp.Matrix(forces))
     rows = {q: symbol(v) for q, v in zip(order, rates, strict=True)}
     rows |= {v: acceleration[k] for k, v in enumerate(rates)}
     place = [rates.index(name) if name in rates else None for name in states]
@@ -70,26 +81,25 @@ def load_urdf(
     kept = {n: p for n, p in parameters.items() if symbol(n) in used or n in GRAVITY}
     return SymbolicModel(
         states=tuple(Variable(n, s.unit) for n, s in states.items()),
-        inputs=tuple(Variable(n, own.unit) for n, own in inputs.items()),
+        inputs=tuple(Variable(n, i.unit) for n, i in inputs.items()),
         parameters=kept,
         xdot=tuple(rows[n] for n in states),
         coordinates=tuple(map(Coordinate, joints, order, rates, units)),
         force_map=columns,
-        named_parameters=_named_parameters(plant, kept),
+        named_parameters=_named_parameters(own["bodies"], kept),
         gravity=GRAVITY,
     )
 
 
 def _accelerations(
-    plant: Any, joints: list[str], order: list[str], rates: list[str], parameters: Mapping[str, Parameter],
-    forces: sp.Matrix,
-) -> tuple[sp.Matrix, sp.Matrix]:  # fmt: skip
+    own: Mapping[str, Any], order: list[str], rates: list[str], parameters: Mapping[str, Parameter], forces: sp.Matrix
+) -> tuple[sp.Matrix, sp.Matrix]:
     """M^-1, and the accelerations under these forces; of more than `MOST_DERIVED` joints with undefined functions."""
-    if len(joints) > MOST_DERIVED:
+    if len(order) > MOST_DERIVED:
         inverse, at_rest = _undefined(order, rates, parameters)
         return inverse, inverse * (forces - at_rest)
     pull = np.array([symbol(name) for name in GRAVITY])
-    tree = _tree(plant, joints, lambda name: symbol(name) if parameters[name].value else sp.Integer(0), pull)
+    tree = _tree(own, lambda name: symbol(name) if parameters[name].value else sp.Integer(0), pull)
     inverse, free = derive_accelerations(tree, order, rates)
     return inverse, free + inverse * forces
 
@@ -148,19 +158,78 @@ def _match(path: Path, states: Mapping[str, State], joints: list[str]) -> tuple[
     return [named[j, "position"] for j in joints], [named[j, "velocity"] for j in joints]
 
 
-def _inertial_parameters(plant: Any) -> dict[str, Parameter]:
-    parameters: dict[str, Parameter] = {}
-    for body in moving_bodies(plant):
-        inertia, name = body.default_spatial_inertia(), body.name()
-        mass, com = inertia.get_mass(), inertia.get_com()
-        tensor = inertia.CalcRotationalInertia().CopyToFullMatrix3()  # about the body frame's origin: its joint
-        parameters[f"{name}.m"] = Parameter(float(mass), "kg", f"mass of {name}")
-        for k, axis in enumerate(_AXES):
-            parameters[f"{name}.c{axis}"] = Parameter(float(com[k]), "m", f"centre of mass of {name} from its joint")
-        for moment in _MOMENTS:
-            value = float(tensor[_AXES.index(moment[1]), _AXES.index(moment[2])])
-            parameters[f"{name}.{moment}"] = Parameter(value, "kg*m^2", f"inertia of {name} about its joint")
-    return parameters
+def mechanism(path: Path) -> dict[str, Any]:
+    """What Drake reads of a file that `urdf_checks.check_urdf` has taken, as plain data.
+
+    Every stage asks for it, and importing Drake and reading takes a quarter of a second of CPU: it is kept in the cache
+    folder, under a digest of the file and of Drake's version.
+
+    Returns:
+        `bodies`: each that moves, with its inertial parameters (`m`, `cx`, `Ixx`, ...; about the origin of its frame).
+        `joints`: each that moves, in order: `name`, `link`, `parent` (the joint before it, -1 for the base), `slides`,
+        `axis`, `damping`, where its frame is on that of the parent's link (`turn`, `place`), and `carried`, the bodies
+        welded to its link: name, rotation and origin of each on the link.
+
+    Raises:
+        UserError: a file that Drake does not take, or a joint other than a hinge or a slide.
+    """
+    question = f"1 {version('drake')} {hashlib.sha256(reading.read_bytes(path)).hexdigest()}"
+    known: dict[str, Any] | None = recall("urdf", question)
+    if known is None:
+        plant, names = multibody_plant(path, (0.0, 0.0, 0.0))
+        bodies = {body.name(): _inertia(body) for body in moving_bodies(plant)}
+        known = {"bodies": bodies, "joints": _joints(plant, [plant.GetJointByName(name) for name in names])}
+        remember("urdf", question, known)
+    return known
+
+
+def _inertia(body: Any) -> dict[str, float]:
+    inertia = body.default_spatial_inertia()
+    tensor = inertia.CalcRotationalInertia().CopyToFullMatrix3()  # about its frame's origin
+    moments = (tensor[_AXES.index(m[1]), _AXES.index(m[2])] for m in _MOMENTS)
+    return dict(zip(_INERTIAL, map(float, (inertia.get_mass(), *inertia.get_com(), *moments)), strict=True))
+
+
+def _joints(plant: Any, joints: Sequence[Any]) -> list[dict[str, Any]]:
+    context = plant.CreateDefaultContext()
+    moving = (joint.child_body() for joint in joints)
+    poses = {body.name(): _parts(body.EvalPoseInWorld(context)) for body in moving}
+    carrier = {body.name(): k for k, j in enumerate(joints) for body in plant.GetBodiesWeldedTo(j.child_body())}
+    found = []
+    for joint in joints:
+        parent, link = carrier.get(joint.parent_body().name(), -1), joint.child_body()
+        base = poses[joints[parent].child_body().name()] if parent >= 0 else (np.eye(3), np.zeros(3))
+        # at position 0 a joint's frame on its parent is that of the body that it moves
+        own, mine = _parts(joint.frame_on_parent().CalcPoseInWorld(context)), poses[link.name()]
+        slides = joint.type_name() == "prismatic"
+        carried = [(body.name(), *_parts(body.EvalPoseInWorld(context))) for body in plant.GetBodiesWeldedTo(link)]
+        found.append({
+            "name": joint.name(),
+            "link": link.name(),
+            "parent": parent,
+            "slides": slides,
+            "axis": list(joint.translation_axis() if slides else joint.revolute_axis()),
+            "damping": float(joint.default_damping()),
+            "turn": (base[0].T @ own[0]).tolist(),
+            "place": (base[0].T @ (own[1] - base[1])).tolist(),
+            "carried": [
+                (name, (mine[0].T @ turn).tolist(), (mine[0].T @ (at - mine[1])).tolist()) for name, turn, at in carried
+            ],
+        })  # fmt: skip
+    return found
+
+
+def _parts(pose: Any) -> tuple[Floats, Floats]:
+    """Rotation and origin."""
+    return np.array(pose.rotation().matrix()), np.array(pose.translation())
+
+
+def _inertial_parameters(own: Mapping[str, Any]) -> dict[str, Parameter]:
+    return {
+        f"{name}.{key}": Parameter(values[key], unit, what.format(name))
+        for name, values in own["bodies"].items()
+        for key, (unit, what) in _INERTIAL.items()
+    }
 
 
 def moving_bodies(plant: Any) -> list[Any]:
@@ -171,7 +240,7 @@ def moving_bodies(plant: Any) -> list[Any]:
     return [b for b in bodies if not plant.IsAnchored(b)]
 
 
-def _named_parameters(plant: Any, kept: Mapping[str, Parameter]) -> dict[str, NamedParameter]:
+def _named_parameters(links: Iterable[str], kept: Mapping[str, Parameter]) -> dict[str, NamedParameter]:
     named: dict[str, NamedParameter] = {}
 
     def add(name: str, unit: str, scaling: dict[str, int]) -> None:
@@ -179,8 +248,7 @@ def _named_parameters(plant: Any, kept: Mapping[str, Parameter]) -> dict[str, Na
         rule = {n: symbol(n) * ratio**power for n, power in scaling.items()}
         named[name] = NamedParameter(name, abs(kept[first].value), unit, rule)
 
-    for body in moving_bodies(plant):
-        link = body.name()
+    for link in links:
         com = [n for n in (f"{link}.c{a}" for a in _AXES) if n in kept]
         moments = [n for n in (f"{link}.{moment}" for moment in _MOMENTS) if n in kept]
         if f"{link}.m" in kept:  # a denser link of the same shape: its inertia scales along
@@ -222,59 +290,35 @@ def load_tree(path: Path, gravity: float = 9.81) -> Tree:
     Raises:
         UserError: a joint other than a hinge or a slide.
     """
-    plant, names = multibody_plant(path, (0.0, 0.0, -gravity))
-    parameters = _inertial_parameters(plant)
-    return _tree(plant, names, lambda name: parameters[name].value, np.array([0.0, 0.0, -gravity]))
+    own = mechanism(path)
+    parameters = _inertial_parameters(own)
+    return _tree(own, lambda name: parameters[name].value, np.array([0.0, 0.0, -gravity]))
 
 
 @np.errstate(invalid="ignore")  # NumPy reads flags that arithmetic on expressions leaves
-def _tree(plant: Any, names: Sequence[str], value: Callable[[str], Any], gravity: Floats) -> Tree:
-    """The joints and bodies of a plant, with each inertial parameter as a number or as an expression."""
-    joints = [plant.GetJointByName(name) for name in names]
-    context = plant.CreateDefaultContext()
-    moving = (joint.child_body() for joint in joints)
-    poses = {body.name(): _parts(body.EvalPoseInWorld(context)) for body in moving}
-    carried = {body.name(): k for k, j in enumerate(joints) for body in plant.GetBodiesWeldedTo(j.child_body())}
-    parent, turn, place, inertial = [], [], [], []
-    for k, joint in enumerate(joints):
-        up = joint.parent_body()
-        parent.append(carried.get(up.name(), -1))
-        base = poses[joints[parent[k]].child_body().name()] if parent[k] >= 0 else (np.eye(3), np.zeros(3))
-        # at position 0 a joint's frame on its parent is that of the body that it moves
-        own = _parts(joint.frame_on_parent().CalcPoseInWorld(context))
-        mine = poses[joint.child_body().name()]
-        turn.append(base[0].T @ own[0])
-        place.append(base[0].T @ (own[1] - base[1]))
+def _tree(own: Mapping[str, Any], value: Callable[[str], Any], gravity: Floats) -> Tree:
+    """The joints and bodies of a mechanism, with each inertial parameter as a number or as an expression."""
+    joints, inertial = own["joints"], []
+    for joint in joints:
         whole = np.zeros(len(PARAMETERS))
-        for body in plant.GetBodiesWeldedTo(joint.child_body()):
-            other = _parts(body.EvalPoseInWorld(context))
-            whole = whole + moved(_standard(body.name(), value), mine[0].T @ other[0], mine[0].T @ (other[1] - mine[1]))
+        for body, turn, place in joint["carried"]:
+            whole = whole + moved(_standard(body, value), np.array(turn), np.array(place))
         inertial.append(whole)
     return Tree(
-        joints=tuple(names),
-        links=tuple(j.child_body().name() for j in joints),
-        parent=np.array(parent, dtype=np.int64),
-        turn=np.array(turn),
-        place=np.array(place),
-        axis=np.array([_axis(j) for j in joints]),
-        slides=np.array([j.type_name() == "prismatic" for j in joints]),
+        joints=tuple(joint["name"] for joint in joints),
+        links=tuple(joint["link"] for joint in joints),
+        parent=np.array([joint["parent"] for joint in joints], dtype=np.int64),
+        turn=np.array([joint["turn"] for joint in joints]),
+        place=np.array([joint["place"] for joint in joints]),
+        axis=np.array([joint["axis"] for joint in joints]),
+        slides=np.array([joint["slides"] for joint in joints]),
         inertial=np.array(inertial),
-        damping=np.array([float(j.default_damping()) for j in joints]),
+        damping=np.array([joint["damping"] for joint in joints]),
         gravity=gravity,
     )
 
 
-def _axis(joint: Any) -> Floats:
-    axis = joint.revolute_axis() if joint.type_name() == "revolute" else joint.translation_axis()
-    return np.array(axis, dtype=np.float64)
-
-
-def _parts(pose: Any) -> tuple[Floats, Floats]:
-    """Rotation and origin."""
-    return np.array(pose.rotation().matrix()), np.array(pose.translation())
-
-
 def _standard(body: str, value: Callable[[str], Any]) -> Floats:
     """`model.tree.PARAMETERS` of a body, by the value of each of its inertial parameters."""
-    own = {key: value(f"{body}.{key}") for key in ("m", *(f"c{a}" for a in _AXES), *_MOMENTS)}
+    own = {key: value(f"{body}.{key}") for key in _INERTIAL}
     return np.array([own[p] if p in own else own["m"] * own[f"c{p[1]}"] for p in PARAMETERS])

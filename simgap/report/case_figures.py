@@ -28,9 +28,9 @@ DPI, SMALL_DPI = 170, 62
 
 
 def png(figure: Any, dpi: int) -> bytes:
-    """A figure as PNG; without a date, so equal figures are equal bytes."""
+    """A figure as PNG."""
     buffer = io.BytesIO()
-    style.save(figure, buffer, format="png", dpi=dpi, metadata={"Software": None})
+    style.save(figure, buffer, "png", dpi)
     return buffer.getvalue()
 
 
@@ -82,7 +82,6 @@ def draw(m: Material) -> Drawn:
                 files[f"{name}.svg"] = figures[name].encode()
             if name == small:
                 picture = png(figure, SMALL_DPI)
-            style.close(figure)
     return Drawn(figures, files, picture)
 
 

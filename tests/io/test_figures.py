@@ -67,7 +67,6 @@ def test_samples_lie_within_the_drawn_band(made):
             points = panel.collections[-1].get_offsets()
             assert len(points) == len(x)
             assert np.abs(points[:, 1]).max() <= 1 + 1e-9
-        style.close(figure)
 
 
 def test_trajectories_show_the_violation(made):
@@ -84,7 +83,6 @@ def test_trajectories_show_the_violation(made):
         assert crosses[0].get_ydata()[0] == runs[NOMINAL].x[-1, 0] < 0.0
         assert first.get_ylim()[0] < runs[NOMINAL].x[-1, 0]
         assert not [line for line in figure.axes[1].lines if line.get_marker() == "X"]
-        style.close(figure)
 
 
 def test_regions_of_a_task_are_bands_on_the_runs_that_pass_them(made):
@@ -111,7 +109,6 @@ def test_domains_are_drawn_where_they_win(made):
             image = axis.images[0].get_array()
             winning = controllers[kind].solution.winning.reshape(controllers[kind].grid.cells)
             np.testing.assert_array_equal(~np.ma.getmaskarray(image), winning.T)
-        style.close(figure)
 
 
 def test_the_image_of_the_recording_agrees_with_the_controllers(made):
@@ -138,7 +135,6 @@ def test_a_body_that_only_feels_its_input_is_shown_over_inputs(tmp_path):
         table = figure.axes[0].collections[0].get_array().reshape(5, 5)
         assert np.ptp(table, axis=0).max() < 1e-3 * table.max()  # the bound of x follows v, drawn along the columns
         assert table[0, 2] < 0.01 * table[0, 0]
-        style.close(figure)
 
 
 def test_the_promised_time_stands_beside_the_times_of_every_controller():
@@ -149,7 +145,6 @@ def test_the_promised_time_stands_beside_the_times_of_every_controller():
         labels = [text.get_text() for text in figure.legends[0].get_texts()]
         assert len(labels) == 4
         assert any("20 s" in label and "promised" in label for label in labels)
-        style.close(figure)
 
 
 def test_times_are_in_seconds():
@@ -169,7 +164,6 @@ def test_times_are_in_seconds():
             times = np.array([5.0, 10.0, 15.0])
             assert left.shape == times.shape
             assert np.all((left <= times + 1e-9) & (times <= left + width + 1e-9))
-        style.close(figure)
 
 
 def test_a_bound_over_states_is_not_shown_over_inputs(made):
@@ -177,8 +171,6 @@ def test_a_bound_over_states_is_not_shown_over_inputs(made):
 
 
 def test_maps_of_margins_show_the_layers_that_have_some_and_say_where_a_bar_ends():
-    import matplotlib.pyplot as plt
-
     grid = Grid(Box([0.0, 0.0, -3.0], [1.0, 1.0, 3.0]), (40, 40, 48), (2,))
     factor = np.full(grid.cells, np.nan)
     layers = shown_layers(48, 3)
@@ -193,17 +185,14 @@ def test_maps_of_margins_show_the_layers_that_have_some_and_say_where_a_bar_ends
     names = [label.get_text() for label in figure.axes[-1].get_yticklabels()]
     assert not any("\u2265" in name for name in names)
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["lost to inputs"]
-    plt.close(figure)
     factor[0, 0, 0] = LARGEST_FACTOR
     figure = margin_slices_figure(grid, factor.reshape(-1), 0 * lost, ("x", "y", "theta"), {})
     names = [label.get_text() for label in figure.axes[-1].get_yticklabels()]
     assert names[-1] == "\u2265 10,000"
-    plt.close(figure)
 
 
 def test_each_step_runs_from_the_error_before_it_to_the_error_with_each_option():
     """Of two effects that look alike alone, one takes a step of its own once the first is there."""
-    import matplotlib.pyplot as plt
 
     def option(name: str, left: float, gain: float, taken: bool = False) -> dict[str, object]:
         return {"name": name, "on": "hinge", "chi2_dof": left, "bic_gain": gain, "taken": taken}
@@ -223,7 +212,6 @@ def test_each_step_runs_from_the_error_before_it_to_the_error_with_each_option()
     said = [t.get_text() for t in numbers.texts]
     assert said[:4] == ["22", "9,000,000", "3028", "200,000"]
     assert said[6:8] == ["1.039", "\u22127"]
-    plt.close(figure)
 
 
 def test_the_question_shows_x_the_specification_and_every_input(root):
@@ -242,7 +230,6 @@ def test_the_question_shows_x_the_specification_and_every_input(root):
         assert heading.patches[0].get_bbox().intervaly.tolist() == [context.box.lo[2], context.box.hi[2]]
         dots = np.column_stack(drives.lines[0].get_data())
         assert {tuple(u) for u in dots.tolist()} == {tuple(u) for u in context.input_set.tolist()}
-        style.close(figure)
 
 
 def test_a_plug_in_may_draw_any_patch(root):
@@ -255,7 +242,6 @@ def test_a_plug_in_may_draw_any_patch(root):
         )  # fmt: skip
         lo, hi = figure.axes[0].get_ylim()
         assert lo < -0.9 < 0.9 < hi
-        style.close(figure)
 
 
 def test_a_gap_is_shown_along_the_state_that_it_follows_and_never_along_a_free_one():
@@ -288,4 +274,3 @@ def test_a_legend_is_no_wider_than_its_figure(dots):
         figure.set_dpi(dots)
         figure.canvas.draw()
         assert figure.legends[0].get_window_extent().x1 <= figure.bbox.x1
-        style.close(figure)

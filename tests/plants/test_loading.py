@@ -1,11 +1,13 @@
 """Whatever an engine has against a model file is one line with the file, and what in it."""
 
 import ast
+import json
 from pathlib import Path
 
 import pytest
 
 from simgap.errors import UserError
+from simgap.plants import urdf
 from simgap.plants.model_file import read_model_file
 from simgap.plants.urdf import multibody_plant
 from simgap.plants.urdf_checks import check_urdf, loading
@@ -103,3 +105,16 @@ def test_every_load_goes_through_the_one_wrapper():
                 found.append(node.func.attr)
                 assert node in inside, f"{source.name}:{node.lineno}"
     assert len(found) >= 8
+
+
+def test_drake_reads_a_file_once_and_a_changed_one_again(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    path = written(tmp_path, *HINGED)
+    first = urdf.mechanism(path)
+    assert first["bodies"]["rod"]["m"] == 1.0
+    with monkeypatch.context() as only:
+        only.setattr(urdf, "multibody_plant", lambda *_: pytest.fail("Drake was asked again"))
+        again = urdf.mechanism(path)
+        assert json.dumps(again) == json.dumps(first)
+    path.write_text(path.read_text().replace('mass value="1"', 'mass value="2"'))
+    assert urdf.mechanism(path)["bodies"]["rod"]["m"] == 2.0

@@ -3,7 +3,6 @@
 import json
 from dataclasses import replace
 
-import matplotlib.pyplot as plt
 import pytest
 
 from simgap.config.load import load_case
@@ -68,14 +67,13 @@ def test_the_answer_is_written_before_anything_is_drawn(tmp_path, monkeypatch):
 
 def test_powers_of_ten_are_drawn_and_names_on_an_axis_are_text():
     with style.figure_style():
-        figure, (left, right) = plt.subplots(1, 2)
+        figure, ((left, right),) = style.panels(1, 2, 4.8)
         left.loglog([1e-5, 20.0], [0.2, 0.9])  # less than a decade: matplotlib writes factors beside powers
         right.set_yticks([0, 1], ["$a_{$", "b\x1b"])
         right.set_title("$y_{$\x1b")
         text = style.svg_text(figure)
         labels = [[t.get_text() for t in a.get_ticklabels() + a.get_ticklabels(minor=True)] for a in
                   (left.xaxis, left.yaxis, right.yaxis)]  # fmt: skip
-        style.close(figure)
     assert {"10⁻⁵", "10⁻³", "10⁻¹", "10¹"} <= set(labels[0])
     assert {"2×10⁻¹", "6×10⁻¹"} <= set(labels[1])
     assert labels[2] == ["$a_{$", r"b\x1b"]

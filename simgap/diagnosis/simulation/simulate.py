@@ -219,7 +219,7 @@ def _next_switch(time: float, k: int, t: Floats, held: Ints, delay: Floats) -> f
         int64, int64, VECTOR, MATRIX, MATRIX, VECTOR, VECTOR, VECTOR, MATRIX, INDICES, INDICES, INDICES, INDICES,
         INDICES, float64, MATRIX,
     ),
-    cache=True, error_model="numpy",
+    cache=True, error_model="numpy", no_cfunc_wrapper=True,
 )  # fmt: skip
 def simulate(
     slope_at: int, free_at: int, t: Floats, level: Floats, excess: Floats, delay: Floats, lag: Floats,

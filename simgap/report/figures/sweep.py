@@ -32,9 +32,7 @@ def figure(keys: Sequence[str], shown: Sequence[str], rows: Sequence[Mapping[str
                 axis.plot(x, y, "o-", color=style.BLUE)
             else:
                 _map(made, axis, varied, name, rows)
-        text = style.svg_text(made)
-        style.close(made)
-    return text
+        return style.svg_text(made)
 
 
 def _map(made: Any, axis: Any, keys: Sequence[str], name: str, rows: Sequence[Mapping[str, Any]]) -> None:
