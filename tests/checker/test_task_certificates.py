@@ -284,6 +284,8 @@ def test_a_formula_that_asks_for_less_is_true_of_the_same_runs(copy, capsys, wor
     [
         (lambda h: h.update(formula="G F nowhere"), "no region 'nowhere'"),
         (lambda h: h.update(formula="G F"), "ends too early"),
+        (lambda h: h.update(formula="G F left\n"), "cannot be printed"),
+        (lambda h: h["regions"].update({"u\nACCEPTED": h["regions"]["left"]}), "cannot be printed"),
         (lambda h: h.update(formula=3), "a sampling time, a formula and regions"),
         (lambda h: h.update(sampling_time="-1/5"), "a sampling time, a formula and regions"),
         (lambda h: h["regions"].update(left=[]), "no list of boxes"),
