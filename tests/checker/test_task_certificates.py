@@ -70,7 +70,8 @@ def test_deadlines_count_whole_samples(deadline, samples):
     "wrong",
     ["", "a &", "(a", "a b", "G", "a U", "F[<= soon] a", "F[<= 3 m] a", "F[<= -1] a", "[<= 3] a", "a ) b", "a # b",
      "U a", "F[<= 1e9 s] a", "F[<= 999999999] a", "(" * 3000 + "a", "X " * 1500 + "a", "&".join(["a"] * 900),
-     "|".join(["(a&b)"] * 40)],
+     "|".join(["(a&b)"] * 40),
+     "a W " * 200 + "b"],
 )  # fmt: skip
 def test_what_is_no_formula_or_too_much_of_one_is_refused(wrong):
     with pytest.raises((expressions.Malformed, RecursionError)):
