@@ -28,6 +28,7 @@ TOKEN = re.compile(r"\s*(->|[!&|()]|[A-Za-z_]\w*|\[\s*<=\s*[^\]]+\])", re.ASCII)
 OPERATORS = {"X", "F", "G", "U", "W", "R"}
 LONGEST = 100_000  # samples of a deadline
 LONGEST_TEXT = 2000  # tokens of a formula
+MOST_WEAK = 12  # W in a formula: each writes what stands at its right twice
 MOST_STEPS = 200_000  # to find the ways to meet what is asked for at one sample
 MOST_MOVES = 3_000_000  # of the product: beyond it the question is not decided
 TRUE, FALSE = ("true",), ("false",)
@@ -48,8 +49,8 @@ def read_formula(text: str, tau: Fraction) -> Formula:
             raise Malformed(f"its formula cannot be read at {text[at : at + 20]!r}")
         tokens.append(found[1])
         at = found.end()
-    if not 0 < len(tokens) <= LONGEST_TEXT:
-        raise Malformed(f"its formula is empty, or has more than {LONGEST_TEXT} words")
+    if not 0 < len(tokens) <= LONGEST_TEXT or tokens.count("W") > MOST_WEAK:
+        raise Malformed(f"its formula is empty, or has more than {LONGEST_TEXT} words or {MOST_WEAK} times W")
     reader = _Reader(tokens, tau)
     whole = reader.implied()
     if reader.left:

@@ -46,6 +46,8 @@ def task_of(header: dict[str, Any], letter: np.ndarray, states: list[str], cells
     tau, text, regions = exact(header["sampling_time"]), header["formula"], header["regions"]
     if tau <= 0 or not isinstance(text, str) or not isinstance(regions, dict):
         raise Malformed("a task has a sampling time, a formula and regions by name")
+    if not all(said.isprintable() for said in (text, *regions)):
+        raise Malformed("no formula and no region has characters that cannot be printed")
     formula, automaton, parts = read_formula(text, tau), _automaton(header["automaton"]), {}
     for name in regions:
         if not isinstance(regions[name], list) or not regions[name]:

@@ -367,7 +367,7 @@ def target_of(task: ReachAvoid | Task, space: Space, solution: Solution) -> Box 
         name: [inequality(p, space, name) if isinstance(p, str) else partial_box(p, space.states) for p in own]
         for name, own in ((name, task.regions[name]) for name in named)
     }
-    return Watched(task.formula, space.tau, parts, automaton, letters)
+    return Watched(" ".join(task.formula.split()), space.tau, parts, automaton, letters)
 
 
 def _refused(what: str) -> UserError:

@@ -70,7 +70,8 @@ def test_deadlines_count_whole_samples(deadline, samples):
     "wrong",
     ["", "a &", "(a", "a b", "G", "a U", "F[<= soon] a", "F[<= 3 m] a", "F[<= -1] a", "[<= 3] a", "a ) b", "a # b",
      "U a", "F[<= 1e9 s] a", "F[<= 999999999] a", "(" * 3000 + "a", "X " * 1500 + "a", "&".join(["a"] * 900),
-     "|".join(["(a&b)"] * 40)],
+     "|".join(["(a&b)"] * 40),
+     "a W " * 200 + "b"],
 )  # fmt: skip
 def test_what_is_no_formula_or_too_much_of_one_is_refused(wrong):
     with pytest.raises((expressions.Malformed, RecursionError)):
@@ -284,6 +285,8 @@ def test_a_formula_that_asks_for_less_is_true_of_the_same_runs(copy, capsys, wor
     [
         (lambda h: h.update(formula="G F nowhere"), "no region 'nowhere'"),
         (lambda h: h.update(formula="G F"), "ends too early"),
+        (lambda h: h.update(formula="G F left\n"), "cannot be printed"),
+        (lambda h: h["regions"].update({"u\nACCEPTED": h["regions"]["left"]}), "cannot be printed"),
         (lambda h: h.update(formula=3), "a sampling time, a formula and regions"),
         (lambda h: h.update(sampling_time="-1/5"), "a sampling time, a formula and regions"),
         (lambda h: h["regions"].update(left=[]), "no list of boxes"),
