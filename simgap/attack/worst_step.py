@@ -100,15 +100,10 @@ class SearchRecord:
     @staticmethod
     def joined(parts: Sequence[SearchRecord]) -> SearchRecord:
         """Searches side by side."""
-        out = SearchRecord()
-        for part in parts:
-            out.evaluations += part.evaluations
-            out.violations += part.violations
-            out.outside += part.outside[: KEPT - len(out.outside)]
-            if part.worst is not None and (out.worst is None or part.worst.share > out.worst.share):
-                out.worst = part.worst
-            out.by.update(part.by)
-        return out
+        evaluations, violations = (sum(getattr(p, n) for p in parts) for n in ("evaluations", "violations"))
+        worst = max((p.worst for p in parts if p.worst is not None), key=lambda step: step.share, default=None)
+        outside = [step for p in parts for step in p.outside][:KEPT]
+        return SearchRecord(evaluations, violations, worst, outside, sum((p.by for p in parts), Counter[str]()))
 
 
 LINEAGES, HISTORIES = 64, 12
