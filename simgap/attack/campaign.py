@@ -355,10 +355,11 @@ class Campaign(JsonRecord, names={"outside_gamma": "steps_outside_gamma", "by": 
     @staticmethod
     def joined(parts: Sequence[Campaign]) -> Campaign:
         """Campaigns side by side."""
-        counts = (sum(getattr(p, n) for p in parts) for n in ("runs", "steps", "violations", "outside_gamma"))
+        counted = ("runs", "steps", "violations", "outside_gamma")
+        runs, steps, violations, outside = (sum(getattr(p, n) for p in parts) for n in counted)
         ends, by = (sum((getattr(p, n) for p in parts), Counter[str]()) for n in ("ends", "by"))
         broken = [run for p in parts for run in p.broken][:KEPT]
-        return Campaign(*counts, ends=ends, by=by, broken=broken)
+        return Campaign(runs, steps, violations, outside, ends, by, broken)
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,7 +22,6 @@ from simgap.gap.fitting.acceptance import (
     tolerate,
 )
 from simgap.gap.fitting.bound_fit import GapResult, assemble, fit_from_json
-from simgap.gap.fitting.dimension_fit import Calibration
 from simgap.gap.fitting.force_reversal import staircase_height, staircase_tier
 from simgap.gap.lipschitz.grid import DimensionLipschitz
 from simgap.gap.memory.bound import hidden_bound
@@ -145,7 +144,7 @@ def _assembled(
     names, step = context.states, context.plant.sampled.step
     fits = [read_back(fit_from_json, made.scp[n]) for n in names]
     known = [read_back(DimensionLipschitz.from_json, made.lipschitz[n]) for n in names]
-    drawn = Calibration(*gap_ends(step, made.calibration, names, context.inputs)[:3]) if made.calibration else None
+    drawn = gap_ends(step, made.calibration, names, context.inputs)[:3] if made.calibration else None
     if made.borders is None:
         raise UserError(NO_BORDERS, remedy=MAKE_BORDERS)
     directed = tuple(directed_samples(context, made.points.name, made.borders, i) for i in range(len(names)))

@@ -307,9 +307,10 @@ def _query_engine(
     case: Case, folder: Path, x: Any, u: Any
 ) -> tuple[Mapping[str, Link], float, list[Finding] | None, list[Drive]]:
     """Result of `ask_engine`, findings about a file in the engine's own format, and how a wheeled robot drives."""
-    from simgap.simulators.rollouts import findings
+    from simgap.simulators.rollouts import engine_of
 
-    return *ask_engine(case, folder, x, u), findings(case, folder), drives(case, folder)
+    findings = engine_of(case, folder).findings(case, folder)
+    return *ask_engine(case, folder, x, u), findings, drives(case, folder)
 
 
 def ask_engine(case: Case, folder: Path, x: Any, u: Any) -> tuple[Mapping[str, Link], float]:
