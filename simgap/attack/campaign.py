@@ -355,14 +355,11 @@ class Campaign(JsonRecord, names={"outside_gamma": "steps_outside_gamma", "by": 
     @staticmethod
     def joined(parts: Sequence[Campaign]) -> Campaign:
         """Campaigns side by side."""
-        out = Campaign()
-        for part in parts:
-            for name in ("runs", "steps", "violations", "outside_gamma"):
-                setattr(out, name, getattr(out, name) + getattr(part, name))
-            out.ends.update(part.ends)
-            out.by.update(part.by)
-            out.broken += part.broken[: KEPT - len(out.broken)]
-        return out
+        counted = ("runs", "steps", "violations", "outside_gamma")
+        runs, steps, violations, outside = (sum(getattr(p, n) for p in parts) for n in counted)
+        ends, by = (sum((getattr(p, n) for p in parts), Counter[str]()) for n in ("ends", "by"))
+        broken = [run for p in parts for run in p.broken][:KEPT]
+        return Campaign(runs, steps, violations, outside, ends, by, broken)
 
 
 @dataclass(frozen=True, eq=False)

@@ -100,21 +100,17 @@ class SearchRecord:
     @staticmethod
     def joined(parts: Sequence[SearchRecord]) -> SearchRecord:
         """Searches side by side."""
-        out = SearchRecord()
-        for part in parts:
-            out.evaluations += part.evaluations
-            out.violations += part.violations
-            out.outside += part.outside[: KEPT - len(out.outside)]
-            if part.worst is not None and (out.worst is None or part.worst.share > out.worst.share):
-                out.worst = part.worst
-            out.by.update(part.by)
-        return out
+        evaluations, violations = (sum(getattr(p, n) for p in parts) for n in ("evaluations", "violations"))
+        worst = max((p.worst for p in parts if p.worst is not None), key=lambda step: step.share, default=None)
+        outside = [step for p in parts for step in p.outside][:KEPT]
+        return SearchRecord(evaluations, violations, worst, outside, sum((p.by for p in parts), Counter[str]()))
 
 
 LINEAGES, HISTORIES = 64, 12
 """Points that are followed side by side: of states and inputs, and of histories."""
 DECADES = 0.1, 6.0
 """Largest step of a state, as a share of the width of X, and over how many powers of ten steps are drawn below it."""
+TOGETHER = 65_536  # evaluations at once, so that memory does not grow with the budget
 BEGINNING = 0.3  # most of the budget that goes to looking at the places to begin
 BINS = 6  # along each axis of X; known steps of one bin are taken in turns with those of others
 WORST, WORST_SEQUENCES = 2_000, 200  # known steps, and sequences of them: the worst of each table of samples
@@ -147,6 +143,20 @@ class GapProblem:
         step, domain = context.plant.sampled.step, gap.domain
         places = critical_points(domain, switching_surfaces(context), most=MOST_PLACES).x
         return GapProblem(simulator.spread, step, gap.bounds, context.box, context.input_set, places, domain.free)
+
+    def look(self, x: Floats, m: Ints, kind: str, found: SearchRecord) -> Floats:
+        """Shares of steps from states (n, nx) under inputs (n,), noted in `found`: -> (n,)."""
+        u = self.inputs[m]
+        predicted, (lo, hi) = self.step(x, u), self.bounds(x, u)
+        least, largest = (own - predicted for own in self.successors(x, u))
+        shares = share(least, largest, lo, hi)
+
+        def step(k: int) -> GapStep:
+            d = np.where(largest[k] - hi[k] >= lo[k] - least[k], largest[k], least[k])
+            return GapStep(float(shares[k]), x[k].copy(), u[k].copy(), d, lo[k].copy(), hi[k].copy())
+
+        found.see(kind, shares, step)
+        return shares
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,17 +203,8 @@ def search_points(question: GapProblem, budget: int, rng: np.random.Generator, x
     kinds = iter(["worst known steps, border of X, switching surfaces, drawn steps"])
 
     def score(x: Floats, m: Ints) -> Floats:
-        u = q.inputs[m]
-        predicted, (lo, hi) = q.step(x, u), q.bounds(x, u)
-        least, largest = (own - predicted for own in q.successors(x, u))
-        shares = share(least, largest, lo, hi)
-
-        def step(k: int) -> GapStep:
-            d = np.where(largest[k] - hi[k] >= lo[k] - least[k], largest[k], least[k])
-            return GapStep(float(shares[k]), x[k].copy(), u[k].copy(), d, lo[k].copy(), hi[k].copy())
-
-        found.see(next(kinds, "climbing"), shares, step)
-        return shares
+        kind, pieces = next(kinds, "climbing"), (slice(k, k + TOGETHER) for k in range(0, len(x), TOGETHER))
+        return np.concatenate([q.look(x[piece], m[piece], kind, found) for piece in pieces])
 
     places, count = q.places, len(q.inputs)
     most, every = int(BEGINNING * budget), len(places) * count

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.config.gap import GapSection
 from simgap.errors import UserError
 from simgap.gap.bounds.function import GapFunction, Tier
 from simgap.gap.fitting.acceptance import (
@@ -20,13 +21,12 @@ from simgap.gap.fitting.acceptance import (
     none_outside,
     tolerate,
 )
-from simgap.gap.fitting.bound_fit import assemble, fit_from_json
-from simgap.gap.fitting.dimension_fit import Calibration
+from simgap.gap.fitting.bound_fit import GapResult, assemble, fit_from_json
 from simgap.gap.fitting.force_reversal import staircase_height, staircase_tier
 from simgap.gap.lipschitz.grid import DimensionLipschitz
 from simgap.gap.memory.bound import hidden_bound
 from simgap.gap.memory.hidden_state import tolerance_of
-from simgap.gap.noise import statement_of
+from simgap.gap.noise import NoiseStatement, statement_of
 from simgap.gap.sampling.borders import (
     CHECK,
     MAKE_BORDERS,
@@ -48,7 +48,7 @@ from simgap.gap.sampling.points import (
     known_radius,
     remembers,
 )
-from simgap.gap.sampling.samples import check_drawn, motion_of, read_back, sample_grid, steps_of
+from simgap.gap.sampling.samples import SampleGrid, check_drawn, motion_of, read_back, sample_grid, steps_of
 from simgap.gap.sampling.symmetry import SymmetryDeviation
 from simgap.plants.context import Context
 from simgap.simulators.findings import to_stop
@@ -115,48 +115,68 @@ def gap(context: Context, made: Made) -> Bound:
         motion = motion_of(context)
         content, check = hidden_bound(context, motion, made.points, made.scp, made.lipschitz, made.fresh)
         return Bound(content, check, _thinned_steps(context, motion, made.shards))
-    section = context.need(context.case.gap, "gap")
-    where, names = sample_grid(context, made.points), context.states
+    section, where = context.need(context.case.gap, "gap"), sample_grid(context, made.points)
+    result, added = _assembled(context, made, section, where)
+    noise = statement_of(context.case, where.size)
+    check = _fresh_check(context, made.fresh, section, result.function, noise)
+    beside = border_check(context, made.points.name, made.borders or {}, result.function)
+    if section.bound != "conformal":
+        none_outside(beside)
+    tiers = confirmed(result.function.tiers, check)
+    if noise is not None:
+        tiers = [Tier(1, noise.of_step), *(tier for tier in result.function.tiers if tier.level != 1)]
+    elif made.shards and f"least_{context.states[0]}" in made.shards[0]:
+        tiers.append(REMEMBERED)
+    function = covering_remainder(result.function.with_tiers([*tiers, *added, check.tier, beside.tier]), section)
+    eps, content = known_radius(made.points.name), result.to_json() | function.to_json()
+    content |= ({} if eps is None else {"eps": eps}) | {"fresh": asdict(check), "borders": asdict(beside)}
+    content |= {"noise": asdict(noise)} if noise is not None else {}
+    if where.free or eps is None:
+        moving = zip(context.states, where.moving_half_widths.tolist(), strict=True)
+        content["half_widths"] = {name: h for name, h in moving if h > 0}
+    return Bound(content, check, _thinned(context, context.plant.sampled.step, where.size, made.shards))
+
+
+def _assembled(
+    context: Context, made: Made, section: GapSection, where: SampleGrid
+) -> tuple[GapResult, list[Tier]]:  # fmt: skip
+    """The bound before it is checked, and statements on what was added to it: a staircase, a symmetry's deviation."""
+    names, step = context.states, context.plant.sampled.step
     fits = [read_back(fit_from_json, made.scp[n]) for n in names]
     known = [read_back(DimensionLipschitz.from_json, made.lipschitz[n]) for n in names]
-    step = context.plant.sampled.step
-    both = context.states, context.inputs
-    drawn = Calibration(*gap_ends(step, made.calibration, *both)[:3]) if made.calibration else None
+    drawn = gap_ends(step, made.calibration, names, context.inputs)[:3] if made.calibration else None
     if made.borders is None:
         raise UserError(NO_BORDERS, remedy=MAKE_BORDERS)
     directed = tuple(directed_samples(context, made.points.name, made.borders, i) for i in range(len(names)))
-    shifts = _shifts(context, made.points.name, made.borders)
+    added, tiers = [], []
     stair = staircase_height(context) if where.known is None else None
-    added = [own for own in (stair, shifts.largest if shifts is not None else None) if own is not None]
-    deviation = np.sum(added, axis=0) if added else None
-    result = assemble(where, section, fits, known, drawn, directed, deviation)
-    x, u, d, _ = gap_ends(step, made.fresh, *both)
+    if stair is not None:
+        added.append(stair)
+        tiers.append(staircase_tier(context, stair))
+    shifts = _shifts(context, made.points.name, made.borders)
+    if shifts is not None:
+        added.append(shifts.largest)
+        tiers.append(shifts.tier(names))
+    return assemble(where, section, fits, known, drawn, directed, np.sum(added, axis=0) if added else None), tiers
+
+
+def _fresh_check(
+    context: Context, fresh: Columns, section: GapSection, function: GapFunction, noise: NoiseStatement | None
+) -> FreshCheck:
+    """The bound checked against the fresh samples.
+
+    Raises:
+        UserError: samples of another case.
+        BrokenPromise: more violations than the case tolerates.
+    """
+    x, u, d, _ = gap_ends(context.plant.sampled.step, fresh, context.states, context.inputs)
     check_drawn(context, x, u)
-    check = check_fresh(result.function, x, u, d, section.confidence)
-    noise = statement_of(context.case, where.size)
+    check = check_fresh(function, x, u, d, section.confidence)
     if noise is not None:
         tolerate(check, noise.alpha, MORE_DRAWS)
     else:
         tolerate(check, section.tolerated_probability, WIDER if section.bound == "conformal" else FINER)
-    beside = border_check(context, made.points.name, made.borders, result.function)
-    if section.bound != "conformal":
-        none_outside(beside)
-    memory = (REMEMBERED,) if noise is None and made.shards and f"least_{names[0]}" in made.shards[0] else ()
-    standing = confirmed(result.function.tiers, check)
-    if noise is not None:
-        standing = [Tier(1, noise.of_step), *(tier for tier in result.function.tiers if tier.level != 1)]
-    symmetric = (shifts.tier(names),) if shifts is not None else ()
-    reversing = (staircase_tier(context, stair),) if stair is not None else ()
-    tiers = [*standing, *memory, *reversing, *symmetric, check.tier, beside.tier]
-    function = covering_remainder(result.function.with_tiers(tiers), section)
-    content = result.to_json() | function.to_json()
-    eps = known_radius(made.points.name)
-    content |= ({} if eps is None else {"eps": eps}) | {"fresh": asdict(check), "borders": asdict(beside)}
-    content |= {"noise": asdict(noise)} if noise is not None else {}
-    if shifts is not None or eps is None:
-        moving = [(n, float(h)) for n, h in zip(names, where.moving_half_widths, strict=True) if h > 0]
-        content["half_widths"] = dict(moving)
-    return Bound(content, check, _thinned(context, step, where.size, made.shards))
+    return check
 
 
 def _shifts(context: Context, name: str, borders: Columns) -> SymmetryDeviation | None:

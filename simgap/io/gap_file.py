@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -55,18 +56,12 @@ def load_gap(path: Path, case: Context) -> SavedGap:
     return saved
 
 
-def _same(found: GapDomain, wanted: Context) -> None:
-    for what, one, other in (
-        ("states", list(found.states), list(wanted.states)),
-        ("inputs", list(found.inputs), list(wanted.inputs)),
-        ("periodic axes", list(found.periodic), list(wanted.periodic)),
-        ("lower ends of X", found.box.lo.tolist(), wanted.box.lo.tolist()),
-        ("upper ends of X", found.box.hi.tolist(), wanted.box.hi.tolist()),
-    ):
-        if one != other:
-            raise UserError(f"the gap bound is of another case: its {what} are {one}, those of this case {other}")
-    if not np.array_equal(found.input_set, wanted.input_set):
-        raise UserError("the gap bound is of another case: its inputs U are not those of this case")
+def _same(found: GapDomain, case: Context) -> None:
+    own = GapDomain(tuple(case.states), tuple(case.inputs), case.box, case.input_set, found.free, tuple(case.periodic))
+    pairs = {key: (value, own.to_json()[key]) for key, value in found.to_json().items()}
+    other = [key for key, (one, wanted) in pairs.items() if json.dumps(one) != json.dumps(wanted)]  # order counts
+    if other:
+        raise UserError(f"the gap bound is of another case, which differs in {', '.join(other)}")
 
 
 def _swept(content: dict[str, Any], key: str, shape: tuple[int, ...]) -> tuple[Floats, Floats] | None:

@@ -10,7 +10,7 @@ import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
@@ -97,50 +97,45 @@ def driven_as_told(context: Context, driven: list[Drive]) -> Iterator[Finding]:
 def _refuse_another_way(drive: Drive, section: Any, urdf: Path) -> None:
     forwards, sideways, turned = drive.moved
     linear, angular = drive.told
-    told = f"commanded {linear:g} m/s and {angular:g} rad/s for two seconds"
+    straight = drive.straight
+    share = forwards / linear if straight else turned / angular
+    tips = drive.leans > TIPS or drive.height < -section.wheel_radius
     both = f"joints '{section.left}' and '{section.right}'"
-
-    def refuse(problem: str, remedy: str, key: str = both) -> NoReturn:
-        raise UserError(f"{told}, the robot {problem}", file=urdf, key=key, remedy=remedy)
-
-    if drive.leans > TIPS or drive.height < -section.wheel_radius:
-        fault = wheel_fault(urdf, section.left) or wheel_fault(urdf, section.right)
-        if fault is not None:
-            refuse("tips over or sinks into the floor", fault[1], fault[0])
-        refuse(
-            f"tips over or sinks: it leans by {drive.leans:.2g} rad, its root {drive.height:.2g} m above the floor",
-            "Look at its centre of mass, its casters, and the <collision> shapes of its wheels.",
-        )
-    share = forwards / linear if drive.straight else turned / angular
-    if drive.straight and abs(turned - angular) * section.track / 2 > 0.5 * abs(linear):
-        refuse(f"turns by {turned:.2g} rad/s", "The <axis> of one wheel points the other way: make both 0 1 0.")
-    if drive.straight and abs(sideways) > 0.5 * abs(linear):
-        refuse(
-            f"drives sideways, {sideways:.2g} m/s",
-            "Its root has to look along x and its wheels to turn about y: <axis> 0 1 0.",
-        )
-    if share < -STANDS:
-        if drive.straight:
-            refuse("drives backwards", "Reverse the <axis> of both wheels: 0 1 0 drives along x.")
-        refuse("turns the other way", f"Exchange them: left: {section.right}, right: {section.left}.", "simulator.left")
-    if share < STANDS:
-        _refuse_standing(drive, section, urdf, f"{told}, the robot hardly moves", both)
+    fault = wheel_fault(urdf, section.left) or wheel_fault(urdf, section.right)
+    leans = f"it leans by {drive.leans:.2g} rad, its root {drive.height:.2g} m above the floor"
+    look = "Look at its centre of mass, its casters, and the <collision> shapes of its wheels."
+    turns_itself = straight and abs(turned - angular) * section.track / 2 > 0.5 * abs(linear)
+    standing, why_standing = _standing(drive, fault)
+    ways = (  # does it, what it does, where to look, what to do
+        (tips, "tips over or sinks" + (" into the floor" if fault else f": {leans}"), *(fault or (both, look))),
+        (turns_itself, f"turns by {turned:.2g} rad/s", both,
+         "The <axis> of one wheel points the other way: make both 0 1 0."),
+        (straight and abs(sideways) > 0.5 * abs(linear), f"drives sideways, {sideways:.2g} m/s", both,
+         "Its root has to look along x and its wheels to turn about y: <axis> 0 1 0."),
+        (straight and share < -STANDS, "drives backwards", both,
+         "Reverse the <axis> of both wheels: 0 1 0 drives along x."),
+        (not straight and share < -STANDS, "turns the other way", "simulator.left",
+         f"Exchange them: left: {section.right}, right: {section.left}."),
+        (share < STANDS, f"hardly moves{standing}", *(fault or (both, why_standing))),
+    )  # fmt: skip
+    for does, problem, key, remedy in ways:
+        if does:
+            told = f"commanded {linear:g} m/s and {angular:g} rad/s for two seconds, the robot"
+            raise UserError(f"{told} {problem}", file=urdf, key=key, remedy=remedy)
 
 
-def _refuse_standing(drive: Drive, section: Any, urdf: Path, problem: str, both: str) -> NoReturn:
-    for name in (section.left, section.right):
-        fault = wheel_fault(urdf, name)
-        if fault is not None:
-            raise UserError(problem, file=urdf, key=fault[0], remedy=fault[1])
+def _standing(drive: Drive, fault: tuple[str, str] | None) -> tuple[str, str]:
+    """What the wheels of a robot do that hardly moves, and the remedy where its file shows none."""
+    if fault is not None:
+        return "", ""
     rates = f"its wheels turn at {drive.turning[0]:.2g} and {drive.turning[1]:.2g} rad/s"
     asked = f"instead of {drive.asked[0]:.2g} and {drive.asked[1]:.2g}"
     turns = max(abs(own) / abs(aim) for own, aim in zip(drive.turning, drive.asked, strict=True) if aim != 0.0) > 0.5
-    raise UserError(
-        f"{problem}; {rates} {asked}", file=urdf, key=both,
-        remedy="They do not touch the floor, or slip on it: compare places and radii of their <collision> shapes with "
+    return f"; {rates} {asked}", (
+        "They do not touch the floor, or slip on it: compare places and radii of their <collision> shapes with "
         "those of casters and body, and give them <lateral_friction>." if turns else
         "Raise simulator.torque, or look for what rubs on the floor: a caster with friction, the body, a wheel's "
-        "<collision> shape that lies another way.",
+        "<collision> shape that lies another way."
     )  # fmt: skip
 
 
@@ -312,9 +307,10 @@ def _query_engine(
     case: Case, folder: Path, x: Any, u: Any
 ) -> tuple[Mapping[str, Link], float, list[Finding] | None, list[Drive]]:
     """Result of `ask_engine`, findings about a file in the engine's own format, and how a wheeled robot drives."""
-    from simgap.simulators.rollouts import findings
+    from simgap.simulators.rollouts import engine_of
 
-    return *ask_engine(case, folder, x, u), findings(case, folder), drives(case, folder)
+    findings = engine_of(case, folder).findings(case, folder)
+    return *ask_engine(case, folder, x, u), findings, drives(case, folder)
 
 
 def ask_engine(case: Case, folder: Path, x: Any, u: Any) -> tuple[Mapping[str, Link], float]:

@@ -23,7 +23,7 @@ from simgap.model.symbolic import kinds, symbol
 from simgap.notation import pretty_unit
 from simgap.plants.context import Context
 from simgap.plants.model_file import FileJoint
-from simgap.simulators.rollouts import closed_form
+from simgap.simulators.rollouts import engine_of
 from simgap.units import dimension, dimension_text, of_base
 
 HEAVY = 5_000
@@ -352,7 +352,8 @@ def refuse_seams(context: Context) -> None:
     declared = context.plant.declared
     if declared.derived and context.plant.sampled.operations <= LONGEST_RULE:
         _refuse_seams(context, "model's rates", declared.numeric())
-    simulator = None if context.case.simulator is None else closed_form(context.case, context.folder)
+    case, folder = context.case, context.folder
+    simulator = None if case.simulator is None else engine_of(case, folder).closed_form(case, folder)
     if simulator is not None:
         steps = [e - symbol(s) for e, s in zip(simulator, context.states, strict=True)]
         _refuse_seams(context, "simulator's steps", steps)

@@ -10,7 +10,7 @@ stops. Nothing here is refused: gamma covers what the simulator does. It is said
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +22,9 @@ from simgap.effects import effect, joint_effect
 from simgap.errors import Finding
 from simgap.late import sympy as sp
 from simgap.model.symbolic import symbol
+from simgap.model.tree import forces
 from simgap.plants.model_file import FileJoint, Link, ModelFile, read_model_file
-from simgap.plants.urdf import multibody_plant
+from simgap.plants.urdf import load_tree
 from simgap.simulators import mjcf
 from simgap.simulators.base import FileTraits, added_effects, domain_of
 
@@ -236,28 +237,17 @@ def load_of_file(case: Case, model: Any) -> Mapping[str, Felt]:
 
 
 def load_of_nominal(case: Case, urdf: Path) -> Mapping[str, Felt]:
-    """The same of the plant's URDF, by Drake."""
-    plant, names = multibody_plant(urdf, (0.0, 0.0, -case.plant.gravity))
-    context = plant.CreateDefaultContext()
-    joints = [plant.GetJointByName(name) for name in names]
-    plant.SetPositions(context, np.zeros(plant.num_positions()))
-    mass, pulls = plant.CalcMassMatrix(context), []
-    place = {s.joint: n for n, s in case.plant.states.items() if s.quantity == "position"}
-    for x in mjcf.samples(case):
-        q = np.zeros(plant.num_positions())
-        for joint in joints:
-            q[joint.position_start()] = x[place[joint.name()]]
-        plant.SetPositions(context, q)
-        pulls.append(plant.CalcGravityGeneralizedForces(context))
-    moved = [[plant.get_body(b) for b in plant.GetBodiesKinematicallyAffectedBy([joint.index()])] for joint in joints]
-    return {
-        joint.name(): Felt(
-            sum(float(body.default_mass()) for body in bodies),
-            float(mass[k := joint.velocity_start(), k]),
-            np.array([pull[k] for pull in pulls]),
-        )
-        for joint, bodies in zip(joints, moved, strict=True)
-    }
+    """The same of the plant's URDF."""
+    tree = load_tree(urdf, case.plant.gravity)
+    n, place = tree.size, {s.joint: name for name, s in case.plant.states.items() if s.quantity == "position"}
+    still, q = np.zeros((n, n)), np.array([[x[place[joint]] for joint in tree.joints] for x in mjcf.samples(case)])
+    inertia = forces(replace(tree, gravity=np.zeros(3)), still, still, np.eye(n)).diagonal()
+    pulls = np.round(-forces(tree, q, np.zeros_like(q), np.zeros_like(q)), 12)  # what is rounding is no pull
+    moved = tree.inertial[:, 0].copy()  # by each joint: its own body, and what hangs on that
+    for k in reversed(range(n)):
+        if tree.parent[k] >= 0:
+            moved[tree.parent[k]] += moved[k]
+    return {name: Felt(float(moved[k]), float(inertia[k]), pulls[:, k]) for k, name in enumerate(tree.joints)}
 
 
 LEARN = "Declare {} in plant.effects if the model should know it; gamma covers it otherwise."

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -29,7 +28,7 @@ def make_simulator(case: Case, folder: Path) -> Simulator:
     Raises:
         UserError: no `simulator` section, a plug-in that is not an engine, or an effect that the engine cannot act out.
     """
-    kind, section = _engine(case, folder), case.simulator
+    kind, section = engine_of(case, folder), case.simulator
     simulator = kind.build(case, folder)
     if section is None:
         return simulator
@@ -40,34 +39,12 @@ def make_simulator(case: Case, folder: Path) -> Simulator:
     return try_as_map(with_noise(simulator, case), case)
 
 
-def closed_form(case: Case, folder: Path) -> tuple[Any, ...] | None:
-    """The map f_hat over tau as expressions (SymPy), one a state, where the engine of the case knows it; else None.
+def engine_of(case: Case, folder: Path) -> type[Engine]:
+    """The engine that a case names.
 
     Raises:
         UserError: as `make_simulator`.
     """
-    return _engine(case, folder).closed_form(case, folder)
-
-
-def findings(case: Case, folder: Path) -> list[Any] | None:
-    """Findings about a model file in the engine's own format (`Engine.findings`).
-
-    Raises:
-        UserError: as `make_simulator`.
-    """
-    return _engine(case, folder).findings(case, folder)
-
-
-def switches(case: Case, folder: Path) -> tuple[Any, ...]:
-    """Surfaces on which a model file in the engine's own format switches, as expressions (SymPy); none without one.
-
-    Raises:
-        UserError: as `make_simulator`.
-    """
-    return _engine(case, folder).switches(case, folder) if case.simulator is not None else ()
-
-
-def _engine(case: Case, folder: Path) -> type[Engine]:
     section = case.simulator
     if section is None:
         raise UserError("this stage needs a simulator", key="simulator", remedy="Add `simulator:`.")

@@ -6,7 +6,7 @@ import yaml
 from simgap.config.load import load_case
 from simgap.errors import UserError
 from simgap.plants.plant_model import PlantModel
-from simgap.simulators.rollouts import closed_form
+from simgap.simulators.rollouts import engine_of
 
 ROD = {
     "name": "rod",
@@ -51,7 +51,7 @@ def test_a_mistake_in_an_effect_of_the_plant_has_its_key(tmp_path, added, key):
 def test_a_mistake_in_an_effect_of_the_simulator_has_its_key(tmp_path, added, key):
     path = case(tmp_path, simulator={"engine": "equations", "integrator": "rk4", "effects": [GOOD, added]})
     with pytest.raises(UserError) as refused:
-        closed_form(load_case(path), tmp_path)
+        engine_of(load_case(path), tmp_path)
     assert refused.value.key == f"simulator.effects.1.{key}"
     assert refused.value.remedy
 

@@ -7,7 +7,6 @@ from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bases import Blocks, Expressions, Monomials, Trigonometric
 from simgap.gap.bounds.load import from_json
 from simgap.gap.fitting.acceptance import check_fresh, clopper_pearson_upper
-from simgap.gap.fitting.dimension_fit import Calibration
 from tests.gap.fit_in_memory import fit_gap
 from tests.gap.gap_examples import PAPER, U, X, coulomb, gap_section, off_grid, on_grid, smooth
 
@@ -124,7 +123,7 @@ def test_conformal_covers_a_random_sample_as_often_as_stated():
     settings = gap_section(basis=Expressions(terms=PAPER), bound="conformal", miscoverage=0.05, extreme_value=False)
     outside = []
     for seed in range(5):
-        calibration = Calibration(*off_grid(coulomb, 2000, seed=seed))
+        calibration = off_grid(coulomb, 2000, seed=seed)
         function = fit_gap(samples, settings, calibration).function
         outside.append(check_fresh(function, *off_grid(coulomb, 20_000, seed=100 + seed)).violations / 20_000)
     assert np.mean(outside) == pytest.approx(0.05, abs=0.01)
@@ -136,13 +135,13 @@ def test_conformal_covers_a_random_sample_as_often_as_stated():
 def test_conformal_needs_enough_samples():
     settings = gap_section(bound="conformal", miscoverage=0.001)
     with pytest.raises(UserError, match="too few"):
-        fit_gap(on_grid(smooth), settings, Calibration(*off_grid(smooth, 500)))
+        fit_gap(on_grid(smooth), settings, off_grid(smooth, 500))
 
 
 def test_conformal_refuses_a_gap_that_hidden_states_spread():
     spread = on_grid(smooth, d_upper=on_grid(smooth).d + 1e-3)
     with pytest.raises(UserError, match="hidden states"):
-        fit_gap(spread, gap_section(bound="conformal"), Calibration(*off_grid(smooth, 500)))
+        fit_gap(spread, gap_section(bound="conformal"), off_grid(smooth, 500))
 
 
 def test_free_axes():

@@ -63,7 +63,6 @@ def test_rough_cells_are_those_around_the_jump():
     assert 0.0 < found.rough_share <= 0.06
     (layer,) = found.layers
     np.testing.assert_allclose([layer.axis, layer.lo, layer.hi], [1, -0.02, 0.02], atol=1e-12)
-    assert found.smooth[1] == pytest.approx(1.0, rel=1e-9)
     assert found.jump >= 2.0
 
 
@@ -111,7 +110,6 @@ def test_a_jump_on_a_sample_is_rough_too(at_rest):
     (layer,) = found.layers
     assert layer.axis == 1
     assert layer.lo < -grid.h[1] < grid.h[1] < layer.hi
-    assert found.smooth[1] < 1e-9
     assert found.jump >= 2.0
 
 
@@ -128,7 +126,6 @@ def test_a_jump_over_the_seam_of_a_periodic_axis_is_rough():
     grid = Grid(Box([-np.pi, 0.0], [np.pi, 1.0]), [64, 8], (0,))
     found = estimate(values(lambda x: x[:, 0], grid), grid)
     assert 0.0 < found.rough_share <= 0.1
-    assert found.smooth[0] == pytest.approx(1.0)
 
 
 def test_rounding_is_not_rough():

@@ -8,7 +8,6 @@ import pytest
 from simgap.errors import UserError
 from simgap.gap.bases import Blocks, Expressions
 from simgap.gap.fitting.bound_fit import assemble, fit_dimension, fit_from_json
-from simgap.gap.fitting.dimension_fit import Calibration
 from simgap.gap.lipschitz.estimates import dimension_lipschitz
 from simgap.gap.lipschitz.grid import DimensionLipschitz
 from simgap.gap.sampling.points import Points, covering_point, cut, product, radius
@@ -35,7 +34,7 @@ def through_a_file(result):
 @pytest.mark.parametrize("name", SETTINGS)
 def test_a_bound_made_of_saved_results_is_the_same(name):
     settings = gap_section(**({"basis": Expressions(terms=PAPER)} | SETTINGS[name]))
-    samples, drawn = on_grid(smooth, eps=0.04), Calibration(*off_grid(smooth, 500, seed=3))
+    samples, drawn = on_grid(smooth, eps=0.04), off_grid(smooth, 500, seed=3)
     parts = [samples.dimension(i) for i in (0, 1)]
     fits = [fit_from_json(through_a_file(fit_dimension(part, settings))) for part in parts]
     known = [DimensionLipschitz.from_json(through_a_file(dimension_lipschitz(part, settings))) for part in parts]

@@ -74,7 +74,7 @@ EVERYWHERE = [
     (["kind"], "none", "none"),
     (["domain", "input_set"], [], "U is empty|not a saved gap bound"),
     (["domain", "inputs"], ["w"], "of another case|'w'|not known"),
-    (["domain", "states", "x"], [0.0, 1.0], "of another case: its (lower|upper) ends of X|do not cover X"),
+    (["domain", "states", "x"], [0.0, 1.0], "of another case, which differs in states|do not cover X"),
     (["domain", "states", "x"], [1.0, 0.0], "upside down"),
     (["domain", "states", "x"], [None, 1.0], "upside down|not a table"),
     (["domain"], None, "not a saved gap bound"),

@@ -7,7 +7,7 @@ import yaml
 from simgap.config.load import load_case
 from simgap.errors import UserError
 from simgap.simulators.process import run_in_processes
-from simgap.simulators.rollouts import closed_form, make_simulator, roll_out
+from simgap.simulators.rollouts import engine_of, make_simulator, roll_out
 
 TAU = 0.005
 EQUATIONS = {
@@ -65,7 +65,7 @@ def test_steps_and_closed_form_are_the_steps_by_hand(vary, integrator, step, sub
     np.testing.assert_allclose(simulator.advance(u[0]), expected[0], rtol=0, atol=1e-15)
     if (integrator, substeps) == ("rk4", 3):
         return  # its closed form is refused, see below
-    rows = closed_form(case, path.parent)
+    rows = engine_of(case, path.parent).closed_form(case, path.parent)
     names = {s.name: s for row in rows for s in row.free_symbols}
     for k in range(3):
         at = {names["x1"]: x[k, 0], names["x2"]: x[k, 1], names["u"]: u[k, 0]}
@@ -129,8 +129,9 @@ def test_what_equations_cannot_do_is_one_line(vary, changes, words):
 
 def test_a_map_too_large_to_enclose_is_refused(vary):
     path = equations(vary, integrator="rk4", substeps=3)
+    case = load_case(path)
     with pytest.raises(UserError, match="too many operations to enclose"):
-        closed_form(load_case(path), path.parent)
+        engine_of(case, path.parent).closed_form(case, path.parent)
 
 
 def test_own_equations_of_a_plant_are_part_of_what_its_roll_outs_read(vary):
@@ -159,7 +160,8 @@ def test_other_values_of_parameters_are_those_of_equations_that_have_them(vary):
 
 def test_a_map_too_large_to_enclose_is_sampled_if_the_case_says_so(vary):
     path = equations(vary, integrator="rk4", substeps=3, slopes="sampled")
-    assert closed_form(load_case(path), path.parent) is None
+    case = load_case(path)
+    assert engine_of(case, path.parent).closed_form(case, path.parent) is None
 
 
 def test_keys_that_came_later_change_no_hash_until_they_are_used(vary):

@@ -63,10 +63,35 @@ def compiled(path: Path, keep: Collection[str] | None, bolted: bool, at: Mapping
         UserError: a file that MuJoCo does not take, or what no URDF says: a base that moves freely, several joints of
             one body, closed chains, tendons, gravity along another axis.
     """
-    mujoco, model = mjcf.require_mujoco(), mjcf.read_mjcf(path)
-    kinds = [mujoco.mjtJoint(int(k)) for k in model.jnt_type]
+    model = mjcf.read_mjcf(path)
     names = [model.joint(k).name for k in range(model.njnt)]
     driven = [n for k, n in enumerate(names) if next(motors_of(model, k), None) is not None]
+    turning = _turning(path, model, names, driven, bolted)
+    named_joints(turning if keep is None else keep, turning, "--joints")
+    named_joints(at or turning, turning, "--at")
+    left = [n for n in turning if keep is None or n in keep]
+    whole = len(left) == len(names)
+    _check_loops(path, model, left, whole)
+    efforts, own = {n: most_force(model, names.index(n)) for n in left}, tuple(n for n in left if n in driven) or None
+    alone, left_out = None, tuple[str, ...]()
+    if not whole or _acting(model):
+        left_out = tuple(_left_out(model, left))
+        model, alone = _alone(path, left, at)
+    gravity = mjcf.gravity_of(model)
+    if np.abs(gravity[:2]).max() > _LEVEL * np.abs(gravity[2]):
+        raise UserError("its gravity is not along -z", file=path, key="<option> gravity", remedy="Turn the bodies.")
+    robot, down = _robot(path, model, efforts), 0.0 - float(gravity[2])
+    return Compiled(robot, own, tuple(_effects(model)), down, float(model.opt.timestep), alone, left_out)
+
+
+def _turning(path: Path, model: Any, names: Sequence[str], driven: Collection[str], bolted: bool) -> list[str]:
+    """The hinges and slides of a file, without those by which a base moves freely, which nothing drives.
+
+    Raises:
+        UserError: a base that moves freely and is not `bolted`, no hinge or slide, or a joint without a name.
+    """
+    mujoco = mjcf.require_mujoco()
+    kinds = [mujoco.mjtJoint(int(k)) for k in model.jnt_type]
     wrapped = model.wrap_objid[model.wrap_type == mujoco.mjtWrap.mjWRAP_JOINT]
     idle = [k for k, n in enumerate(names) if n not in driven and k not in wrapped]  # no motor, and on no tendon
     slides = [k for k in idle if kinds[k] == mujoco.mjtJoint.mjJNT_SLIDE]
@@ -88,25 +113,7 @@ def compiled(path: Path, keep: Collection[str] | None, bolted: bool, at: Mapping
         raise UserError("has no hinge or slide", file=path, remedy="Give the model of a robot that moves.")
     if not all(n for k, n in enumerate(names) if k != loose):
         raise UserError("a joint has no name", file=path, remedy="Name every joint.")
-    named_joints(turning if keep is None else keep, turning, "--joints")
-    named_joints(at or turning, turning, "--at")
-    left = [n for n in turning if keep is None or n in keep]
-    whole = len(left) == len(names)
-    _check_loops(path, model, left, whole)
-    efforts = {n: most_force(model, names.index(n)) for n in left}
-    left_out = tuple(_left_out(model, left))
-    alone = None
-    if not whole or _acting(model):
-        model, alone = _alone(path, left, at)
-    else:
-        left_out = ()
-    gravity = mjcf.gravity_of(model)
-    if np.abs(gravity[:2]).max() > _LEVEL * np.abs(gravity[2]):
-        raise UserError("its gravity is not along -z", file=path, key="<option> gravity", remedy="Turn the bodies.")
-    own = tuple(n for n in left if n in driven) or None
-    robot = _robot(path, model, efforts)
-    down, step = 0.0 - float(gravity[2]), float(model.opt.timestep)
-    return Compiled(robot, own, tuple(_effects(model)), down, step, alone, left_out)
+    return turning
 
 
 def _check_loops(path: Path, model: Any, left: Collection[str], whole: bool) -> None:

@@ -89,7 +89,7 @@ class FreshCheck:
             sequences of steps where a simulator remembers; `steps` is then how many steps they have together.
         by_state: violations for each state; worst: largest excess over the bound for each state, 0 if none.
         upper, confidence: the violation probability is at most `upper` with this confidence.
-        first: up to ten violating rows (x, u, d) for the report; outside: the worst of all, None if there is none.
+        outside: the worst violating row, None if there is none.
     """
 
     samples: int
@@ -99,7 +99,6 @@ class FreshCheck:
     upper: float
     confidence: float
     steps: int | None = None
-    first: tuple[tuple[list[float], list[float], list[float]], ...] = ()
     outside: Outside | None = None
 
     @property
@@ -169,7 +168,6 @@ def check_fresh(
     rows = bad.any(axis=1)
     states = function.domain.states
     count = int(rows.sum())
-    first = tuple((x[k].tolist(), u[k].tolist(), d[k].tolist()) for k in np.flatnonzero(rows)[:10])
     return FreshCheck(
         len(x),
         count,
@@ -177,7 +175,6 @@ def check_fresh(
         {s: float(max(excess[:, i].max(initial=0.0), 0.0)) for i, s in enumerate(states)},
         clopper_pearson_upper(len(x), count, confidence),
         confidence,
-        first=first,
         outside=worst_outside((states, function.domain.inputs), x, u, (d, top), lo, hi),
     )
 

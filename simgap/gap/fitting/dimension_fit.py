@@ -20,13 +20,8 @@ Sides = dict[str, PaddedSide]
 """Fitted sides by name (`upper` and `lower`, or `both`)."""
 
 
-@dataclass(frozen=True, eq=False)
-class Calibration:
-    """Fresh iid samples: x (n, nx), u (n, nu), d (n, nx)."""
-
-    x: Floats
-    u: Floats
-    d: Floats
+Calibration = tuple[Floats, Floats, Floats]
+"""Fresh iid samples: x (n, nx), u (n, nu), d (n, nx)."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -182,8 +182,9 @@ class CentreFit(
         blank = blank_form(Basis(fits[0].terms, where.states, where.input_names), where)
         forms = tuple(replace(blank, coefficients=fit.coefficients) for fit in fits)
         scale = np.array([fit.scale for fit in fits])
-        centre = np.stack([f.values(calibration.x, calibration.u) for f in forms], axis=1)
-        score = (np.abs(calibration.d - centre) / scale).max(axis=1)
+        x, u, d = calibration
+        centre = np.stack([f.values(x, u) for f in forms], axis=1)
+        score = (np.abs(d - centre) / scale).max(axis=1)
         factor = reach(score, 1.0 - settings.conformal.miscoverage)
         if not np.isfinite(factor):
             raise UserError(

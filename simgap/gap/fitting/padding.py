@@ -42,7 +42,7 @@ class SideFit(JsonRecord, names={"scenario": "program"}):
 
     Attributes:
         scenario: the last program.
-        padding, padding_mean: largest and mean local padding over the cells where they are inside the program, else 0.
+        padding: largest local padding over the cells where it is inside the program, else 0.
         missing: what q.p lacks to cover the (padded) targets at the samples.
         passes: programs solved. rough_share: cells with a jump, as far as the program looked for them.
         directed: samples on borders and beside switching surfaces that were covered, too. factor: by how many times
@@ -51,7 +51,6 @@ class SideFit(JsonRecord, names={"scenario": "program"}):
 
     scenario: ScenarioResult
     padding: float
-    padding_mean: float
     missing: float
     passes: int
     rough_share: float
@@ -76,8 +75,8 @@ class PaddedSide:
         """Numbers for gap.json and the report."""
         program = {name: own for name, own in self.fit.scenario.to_json().items() if name != "coefficients"}
         return {
-            **program, "padding": self.fit.padding, "padding_mean": self.fit.padding_mean,
-            "raised": self.raised, "passes": self.fit.passes, "lipschitz_of_basis": self.form.gradient_bound.tolist(),
+            **program, "padding": self.fit.padding,
+            "raised": self.raised, "passes": self.fit.passes,
             "rough_share": self.fit.rough_share, "directed": self.fit.directed, "directed_factor": self.fit.factor,
         }  # fmt: skip
 
@@ -97,7 +96,7 @@ def padded(
     form, reach = replace(blank, coefficients=fit.scenario.coefficients), 0.0
     if padding != "inflate":
         reach = constant_padding(padding, lipschitz, where.moving_half_widths, form.gradient_bound)
-        fit = replace(fit, padding=reach, padding_mean=reach, rough_share=lipschitz.rough_share)
+        fit = replace(fit, padding=reach, rough_share=lipschitz.rough_share)
     raised = reach + fit.missing + numerical(form, floor)
     return PaddedSide(form.with_offset(raised), fit, raised)
 
@@ -192,7 +191,7 @@ def _solved(problem: SideProblem, settings: GapSection) -> SideFit:
         return _inflate(problem, settings)
     target = largest_of(problem.every_target)
     result = solve_scenario(problem.design, target, settings.objective, settings.slack)
-    return SideFit(result, 0.0, 0.0, result.worst_violation, 1, 0.0)
+    return SideFit(result, 0.0, result.worst_violation, 1, 0.0)
 
 
 def _shortfall(problem: SideProblem, directed: Directed, settings: GapSection, fit: SideFit) -> tuple[float, float]:
@@ -226,7 +225,6 @@ def _inflate(problem: SideProblem, settings: GapSection) -> SideFit:
         values, known, form = problem.design.product(q), problem.fit(q), replace(problem.blank, coefficients=q)
         pads = [padding.of(known) for padding in local]
         top = max(pad.ends()[1] for pad, _ in pads)
-        mean = float(np.mean([pad.mean() for pad, _ in pads]))
         rough = max(share for _, share in pads)
         every = [pad for pad, _ in pads]
         if samples.beside is not None and problem.is_joined:
@@ -237,7 +235,7 @@ def _inflate(problem: SideProblem, settings: GapSection) -> SideFit:
         padded = largest_of([combined(np.add, *pair) for pair in zip(targets, every, strict=True)])
         missing = combined(np.subtract, padded, values).ends()[1]
         reached = float(getattr(result, goal)) + (missing + numerical(form, samples.floor))
-        fits.append((reached, SideFit(result, top, mean, missing, count, rough)))
+        fits.append((reached, SideFit(result, top, missing, count, rough)))
         if abs(missing) <= 1e-2 * top or count == _PASSES:
             break
         result = solve_scenario(problem.design, padded, settings.objective, settings.slack, warm=result.rows)

@@ -68,10 +68,8 @@ def profile_upper(maxima: Floats, fitted: ReverseWeibull, confidence: float = 0.
     lo, hi = np.log(fitted.location - top), np.log(_FARTHEST * _spread(maxima))
     if _profile(maxima, top + np.exp(hi))[0] >= goal:
         return float(top + np.exp(hi))
-    for _ in range(60):
-        middle = 0.5 * (lo + hi)
-        lo, hi = (middle, hi) if _profile(maxima, top + np.exp(middle))[0] >= goal else (lo, middle)
-    return float(top + np.exp(hi))
+    crossing = scipy.optimize.brentq(lambda t: _profile(maxima, top + np.exp(t))[0] - goal, lo, hi, xtol=1e-12)
+    return float(top + np.exp(crossing))
 
 
 def _spread(maxima: Floats) -> float:

@@ -136,24 +136,22 @@ class Layer(JsonRecord):
 @dataclass(frozen=True, eq=False)
 class GridLipschitz(
     JsonRecord,
-    names={"smooth": "without_rough_cells", "jump": "largest_jump", "layers": "rough_layers", "at": "largest_jump_at"},
+    names={"jump": "largest_jump", "layers": "rough_layers", "at": "largest_jump_at"},
 ):
     """Per-axis estimate for one dimension of the gap.
 
     Attributes:
         constants: (nx,) largest slope plus change of slope along each axis; 0 along free axes.
-        slopes: (nx,) largest slope alone. ratio: (nx,) resolution ratio, also taken at twice the spacing.
+        ratio: (nx,) resolution ratio, also taken at twice the spacing.
         euclidean: estimate of the constant in the Euclidean norm, sqrt(sum_j L_j^2).
-        smooth: as `constants`, without the rough cells. rough_share: share of the cells that are rough.
+        rough_share: share of the cells that are rough.
         jump: largest spread of neighbours there. at: (nx,) the centre of the cell that has it, None without one.
         layers: where rough cells crowd along an axis.
         proven: whether the constants are bounds, enclosed on every cell, and no estimates.
     """
 
     constants: Floats
-    slopes: Floats
     ratio: Floats
-    smooth: Floats
     rough_share: float
     jump: float = 0.0
     at: Floats | None = None
@@ -196,11 +194,9 @@ class GridLipschitz(
 
 def worse(a: GridLipschitz, b: GridLipschitz) -> GridLipschitz:
     """Number by number the larger of two estimates: what holds for both; the places of both their rough cells."""
-    constants, slopes, ratio, smooth = (
-        np.maximum(getattr(a, name), getattr(b, name)) for name in ("constants", "slopes", "ratio", "smooth")
-    )
+    constants, ratio = (np.maximum(getattr(a, name), getattr(b, name)) for name in ("constants", "ratio"))
     share, top = max(a.rough_share, b.rough_share), a if a.jump >= b.jump else b
-    return GridLipschitz(constants, slopes, ratio, smooth, share, top.jump, top.at, (*a.layers, *b.layers))
+    return GridLipschitz(constants, ratio, share, top.jump, top.at, (*a.layers, *b.layers))
 
 
 @dataclass(frozen=True)
@@ -315,8 +311,8 @@ def estimate(d: Values | Floats, grid: Grid, free: tuple[int, ...] = (), floor: 
         marked = rough.marks(e, grid) if rough.any else None
         for j in axes:
             step = steps(e, j, grid)
-            first = to_cells(step, j, grid)
-            found.add_slopes(j, first, (first + turns(step, j, grid, axes)) / (2.0 * grid.h[j]), marked)
+            local = (to_cells(step, j, grid) + turns(step, j, grid, axes)) / (2.0 * grid.h[j])
+            found.constants[j] = max(found.constants[j], float(local.max()))
         if marked is not None:
             found.add_rough(marked, np.where(marked, _spread(e, grid, axes), 0.0))
     ratio = np.ones(len(grid.cells))
@@ -328,18 +324,9 @@ class _Found:
     """Largest slopes and rough cells, collected over the inputs."""
 
     def __init__(self, grid: Grid, inputs: int) -> None:
-        nx = len(grid.cells)
-        self.grid, self.inputs = grid, inputs
-        self.constants, self.slopes, self.smooth = np.zeros(nx), np.zeros(nx), np.zeros(nx)
+        self.grid, self.inputs, self.constants = grid, inputs, np.zeros(len(grid.cells))
         self.rough = [np.zeros(count, dtype=np.int64) for count in grid.cells]  # samples in each layer of each axis
         self.jump, self.at = 0.0, grid.size
-
-    def add_slopes(self, j: int, first: Floats, local: Floats, rough: Bools | None) -> None:
-        """Differences `first` and slopes `local` along j of cells, some of them rough."""
-        top = float(local.max())
-        self.constants[j] = max(self.constants[j], top)
-        self.slopes[j] = max(self.slopes[j], first.max() / (2.0 * self.grid.h[j]))
-        self.smooth[j] = max(self.smooth[j], top if rough is None else local[~rough].max(initial=0.0))
 
     def add_rough(self, rough: Bools, spread: Floats) -> None:
         """Rough cells, and how far the values around them are apart."""
@@ -354,10 +341,10 @@ class _Found:
         """All of it."""
         share = int(self.rough[0].sum()) / (self.grid.size * self.inputs)
         if not share:
-            return GridLipschitz(self.constants, self.slopes, ratio, self.smooth, share)
+            return GridLipschitz(self.constants, ratio, share)
         layers = tuple(o for j in axes if (o := self._layer(j)) is not None)
         at = centres(self.grid)[np.array([self.at])][0]
-        return GridLipschitz(self.constants, self.slopes, ratio, self.smooth, share, self.jump, at, layers)
+        return GridLipschitz(self.constants, ratio, share, self.jump, at, layers)
 
     def _layer(self, j: int) -> Layer | None:
         """Layer in which rough cells crowd along axis j: neighbours with clearly more of them than the others."""

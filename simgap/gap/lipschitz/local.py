@@ -248,4 +248,4 @@ def enclosed_constants(known: CellRanges, h: Floats) -> GridLipschitz:
     bounded = np.isfinite(steepest).all(axis=(0, 1))
     ratio = np.where(bounded, 1.0, 2.0 * GATE)
     largest = float((known.hi - known.lo)[jump].max(initial=0.0))
-    return GridLipschitz(constants, constants, ratio, constants, float(jump.mean()), largest, proven=True)
+    return GridLipschitz(constants, ratio, float(jump.mean()), largest, proven=True)

@@ -45,7 +45,7 @@ from simgap.late import sympy as sp
 from simgap.model.symbolic import symbol
 from simgap.plants.context import Context
 from simgap.plants.model_file import joint_stops
-from simgap.simulators.rollouts import roll_out_range, switches
+from simgap.simulators.rollouts import engine_of, roll_out_range
 
 BESIDE = 1e-9
 """How far beside a surface its sides are sampled, as a share of the width of X: above rounding, below any cell."""
@@ -273,7 +273,9 @@ def switching_surfaces(context: Context) -> tuple[sp.Expr, ...]:
     """
     plant, simulator = context.case.plant, context.case.simulator
     declared = context.plant.declared
-    found = [*kinks(context.plant.carried.numeric()), *switches(context.case, context.folder)]
+    found = kinks(context.plant.carried.numeric())
+    if simulator is not None:
+        found += engine_of(context.case, context.folder).switches(context.case, context.folder)
     found += [symbol(state) - sp.Float(end) for _, state, ends in stops_of(context) for end in ends]
     for added in (*plant.effects, *(simulator.effects if simulator is not None else ())):
         own = effect(added.name)

@@ -34,7 +34,7 @@ from simgap.gap.sampling.values import Kept, Room, Values, centres, check_number
 from simgap.geometry import Grid
 from simgap.plants.context import Context, pose_axes
 from simgap.simulators.body_samples import BodySamples, joined
-from simgap.simulators.rollouts import closed_form
+from simgap.simulators.rollouts import engine_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,7 +199,7 @@ def known_gap(context: Context) -> ClosedFormGap | None:
     """
     if context.case.simulator is None:
         return None
-    found = closed_form(context.case, context.folder)
+    found = engine_of(context.case, context.folder).closed_form(context.case, context.folder)
     if found is not None and context.plant.sampled.too_long_to_write_out:
         raise UserError(
             "a step of the nominal model is too long to be enclosed beside the simulator's", key="plant.integrator",
