@@ -220,6 +220,14 @@ def test_the_statement_is_one_of_steps_and_of_runs(tmp_path):
         assert 0.95 <= (1.0 - alpha_of_run(steps)) ** steps < 0.955
 
 
+@pytest.mark.parametrize("noise", [{"alpha": 1e-13}, {"confidence": 1.0 - 1e-13}])
+def test_what_would_be_printed_as_certain_cannot_be_asked_for(tmp_path, noise):
+    with pytest.raises(UserError, match=f"gap.noise.{next(iter(noise))}"):
+        cart(tmp_path, EQUATIONS | {"noise": BOTH}, **grid(noise=noise))
+    said = NoiseStatement(1e-8, 1.0 - 1e-8, 1, 1)
+    assert "at least 99.999999 %, with 99.999999 % confidence" in said.of_step
+
+
 def test_check_says_what_a_statement_costs(tmp_path):
     path = write_cart(tmp_path, simulator=EQUATIONS | {"noise": BOTH}, **grid())
     (found,) = find_noise(Context.load(path))
