@@ -75,8 +75,14 @@ class Shield:
 
         Raises:
             BrokenPromise: outside the winning domain, or in the target, where the task is done.
-            UserError: what is no state or no input of this controller.
+            UserError: what is no state or no input of this controller; no `pending`, where it remembers something.
         """
+        if pending is None and self.controller.memory > 1:
+            raise UserError(
+                "this controller remembers more than the state (a pending input, the class of the previous one, what "
+                "its task has come to), and the filter is not told what",
+                remedy="Give its memory as `pending`, `controller.first` at the first sample; or use shield(x, u).",
+            )
         return self.controller.input_set[self._given(x, u, pending)[0]].copy()
 
     def numbers(self, x: ArrayLike, u: ArrayLike, pending: int | None = None) -> tuple[int, int]:

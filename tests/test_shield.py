@@ -131,6 +131,15 @@ def test_what_is_no_input_or_state_is_refused():
     assert shield.steps == 0
 
 
+@pytest.mark.parametrize("name", ["late", "classes"])
+def test_what_a_controller_remembers_is_not_made_up(name):
+    controller, flags = drawn(name)
+    x = controller.grid.centres()[np.flatnonzero(flags[:, controller.first].any(axis=1))[0]]
+    with pytest.raises(UserError, match="remembers more than the state"):
+        Shield(controller).filter(x, [0.0])
+    Shield(controller).filter(x, [0.0], controller.first)
+
+
 def test_a_controller_of_one_input_a_cell_is_no_shield():
     controller, _ = drawn("plain")
     one = Solution(

@@ -482,6 +482,22 @@ def _sort_out(
     return ~stuck & ~over
 
 
+def each_once(starts: Callable[[int], Floats]) -> Callable[[int], Floats]:
+    """The draws of `starts` that did not come before, one at a time.
+
+    From the same start a random simulator draws the same noise again, and steps that are counted must be independent.
+    """
+    seen = set[bytes]()
+
+    def draw(count: int) -> Floats:
+        while (x := starts(1)).tobytes() in seen:
+            pass
+        seen.add(x.tobytes())
+        return x
+
+    return draw
+
+
 def attack_loops(
     context: Context,
     simulator: Simulator,
@@ -519,8 +535,8 @@ def attack_loops(
     scene = Scene(predict, use if memoryless else None, danger, inputs, solution.late)
     simulated = Opponent(plant, judge, True, TOGETHER if memoryless else 1, holds)
     disturbed = Opponent(WorstDisturbance(model.step, bounds, danger, monitor, rng), judge, False, TOGETHER, holds)
-    attack = partial(campaign, law=law, starts=partial(worst.draw, rng=rng), budget=steps, rng=rng)
+    attack, starts = partial(campaign, law=law, budget=steps, rng=rng), partial(worst.draw, rng=rng)
     return {
-        "simulator": attack(simulated, scene=scene),
-        "disturbance": attack(disturbed, scene=replace(scene, gap_share=None)),
+        "simulator": attack(simulated, scene=scene, starts=each_once(starts) if case.is_random else starts),
+        "disturbance": attack(disturbed, scene=replace(scene, gap_share=None), starts=starts),
     }

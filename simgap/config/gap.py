@@ -140,10 +140,10 @@ class ConformalSection(Section):
 class NoiseSection(Section):
     """Statement that the bound makes of a simulator with noise; without noise nothing of it is used."""
 
-    alpha: float = Field(0.001, gt=0.0, lt=0.5)
+    alpha: float = Field(0.001, ge=1e-8, lt=0.5)
     """Probability with which a step may lie outside, at any state and input; a run of N steps keeps its promise with a
     probability of at least (1 - alpha)^N."""
-    confidence: float = Field(0.99, gt=0.5, lt=1.0)
+    confidence: float = Field(0.99, gt=0.5, le=1.0 - 1e-8)
     """Confidence that this holds at all samples together. Both set how often each sample is repeated."""
 
 

@@ -15,6 +15,7 @@ from simgap.config.named_files import FunctionFile
 from simgap.errors import UserError, excerpt, placed
 from simgap.extras.certify import of_case, results_of
 from simgap.extras.engines.python_function import imported
+from simgap.gap.noise import statement_of
 from simgap.geometry import Grid
 from simgap.io.controller_file import load_controller_of
 from simgap.io.gap_file import load_gap
@@ -105,7 +106,7 @@ def run(
         bound, controller = bound or own_bound, controller or own_controller
     job = (case, bound, controller, policy, runs)
     found = run_in_processes(_drive, [job], 1, engine_log)[0]
-    keep_promise(found["shielded"], found.pop("tolerated"))
+    keep_promise(found["shielded"], *found.pop("judged_by"))
     return found
 
 
@@ -131,15 +132,15 @@ def _drive(case_path: Path, bound: Path, controller_path: Path, policy: str, cou
         begin, space = starts(context, section, controller, count), Space.of(case)
         monitor = specification_of(case).monitor(space, controller.solution)
         judge = Judge(space, monitor, section.steps, controller.input_set, context.plant.sampled, gap)
-    tolerated = tolerated_share(case)
-    proven = replace(judge, certificate=controller.solution, tolerant=tolerated > 0)
+    tolerated, noise = tolerated_share(case), statement_of(case)
+    proven = replace(judge, certificate=controller.solution, tolerant=tolerated > 0, noisy=noise is not None)
     figures = {}
     for name, through, by in (("alone", False, judge), ("shielded", True, proven)):
         driven = Driven(shield, policy_of(policy, controller.input_set, section.seed), through)
         made = simulate(case, context.folder, driven, controller.solution, begin)
         figures[name] = by.count(made, range(len(made)), 1)[0]
     about = {"case": case.name, "policy": policy, "acted": shield.acted, "samples": shield.steps}
-    return {**about, **figures, "tolerated": tolerated}
+    return {**about, **figures, "judged_by": (tolerated, noise)}
 
 
 def policy_of(named: str, inputs: Floats, seed: int) -> Callable[[Floats], Floats]:

@@ -18,6 +18,7 @@ class ShieldedEnv(gymnasium.Wrapper):
     """The environment with each action replaced by what the shield gives; it ends a run where the environment does.
 
     A step of the environment has to be a sampling time of the case, and its actions inputs in the units of the case.
+    Where that has latency, the environment itself applies an action a sample late, and the input `first` before.
     `info` of a step has `shield_action`, what was applied, and `shield_acted`.
 
     Args:

@@ -35,7 +35,7 @@ class NoiseStatement:
         """Sentences on a step, in the place of one that nothing lies outside."""
         return (
             f"The simulator is random: at every state of X and input of U, a step lies within the bound with a "
-            f"probability of at least {share(1.0 - self.alpha)}, with {share(self.confidence)} confidence in the bound "
+            f"probability of at least {share(1.0 - self.alpha)}, with {share(self.confidence)} confidence at its samples "
             f"({self.draws:,} draws of the noise at each of {self.samples:,} samples; order statistics of all states "
             "together). Between samples this takes the quantiles of the noise to move with the state no faster than "
             "the extremes of these draws, by their Lipschitz constants. Noise is independent from step to step."
@@ -46,7 +46,8 @@ class NoiseStatement:
         return (
             f"A run of {steps:,} steps keeps its promise with a probability of at least "
             f"{math.floor(1000.0 * (1.0 - self.alpha) ** steps) / 10.0:g} %, with {share(self.confidence)} confidence "
-            "in the bound; noise is independent from step to step."
+            "in the bound at its samples, if the noise changes between them as estimated and is independent from step "
+            "to step."
         )
 
     def is_contradicted(self, steps: int, outside: int) -> bool:

@@ -31,7 +31,9 @@ from simgap.io.atomic import SEAL, seal_holds, sealed, write_text
 from simgap.io.pages import text
 from simgap.plants.context import Context
 from simgap.reading import TooLarge, require_room
+from simgap.specifications.base import specification_of
 from simgap.specifications.solution import Progress, Solution
+from simgap.specifications.space import Space
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.input_sets import packed_width
 
@@ -271,7 +273,7 @@ def load_controller_of(path: Path | str, wanted: Context, whole: bool = True) ->
     """Read the controller of a case, as `load_controller`.
 
     Raises:
-        UserError: what `load_controller` refuses, and a controller of another case, named, or of another U.
+        UserError: what `load_controller` refuses, and a controller of another case, named, of another U or task.
     """
     found = load_controller(path, whole)
     made_for = found.metadata.get("case")
@@ -284,6 +286,10 @@ def load_controller_of(path: Path | str, wanted: Context, whole: bool = True) ->
             require(one == other, f"the controller is of another case: its {what} is {one}, that of this case {other}")
         same = np.array_equal(found.input_set, wanted.input_set)
         require(same, f"the controller of '{made_for}' is of another U than this case has")
+        if wanted.case.synthesis is not None:
+            space, sensing = Space.of(wanted.case), wanted.case.sensing
+            error = space.vector(sensing.error if sensing is not None else {})
+            specification_of(wanted.case).recognise(space, found.solution, error)
     wanted.own(path, found.metadata, "synthesis")
     return found
 

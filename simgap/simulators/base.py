@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import ClassVar, Self
 
@@ -65,8 +66,18 @@ class Simulator(ABC):
     """True if delay or lag of inputs, or noise, give a state more than one successor; `spread` is then its range."""
     draws: int = 0
     """How often `spread` draws the noise, the same noise at every state and input; 0: each its own, once."""
-    rng: np.random.Generator
-    """Where a stochastic engine takes all its random numbers from; replaced before every call."""
+
+    @cached_property
+    def rng(self) -> np.random.Generator:
+        """Where a stochastic engine takes all its random numbers from; replaced before every call.
+
+        Raises:
+            UserError: asked for in a case that does not say that its simulator is random.
+        """
+        raise UserError(
+            "the engine draws random numbers, and the case does not say so", key="simulator.stochastic",
+            remedy="Say `stochastic: true` there.",
+        )  # fmt: skip
 
     @abstractmethod
     def reset(self, x: Floats) -> None:

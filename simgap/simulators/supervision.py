@@ -7,7 +7,7 @@ itself. Either way, and after a crash, the run is told what was being computed.
 Whether the simulator is a map of x and u is tried: the same calls, spread over X and U, are made twice, in another
 order and after a pause, and again after every larger block of roll-outs: what differs then depends on what ran before,
 on chance or on a clock. A second step must be the step that begins where the first ended: what differs there is state
-that x does not have. A trial is no proof.
+that x does not have; with noise, drawn alike in both, also noise that depends on earlier steps. A trial is no proof.
 """
 
 from __future__ import annotations
@@ -76,7 +76,8 @@ class _Probe:
     def __init__(self, simulator: Simulator, case: Case) -> None:
         self._simulator, self._rng = simulator, np.random.default_rng(0)
         self._names = list(case.plant.states), list(case.plant.inputs)
-        self._whole = case.hidden_state is None and not simulator.remembers
+        self._is_random = case.is_random
+        self._whole = case.hidden_state is None and (case.is_random or not simulator.remembers)
         domain: Any = case.domain
         lo, hi = np.array([domain.X[name] for name in self._names[0]]).T
         share = np.stack([self._rng.permutation(CALLS) for _ in self._names[0]], axis=1)
@@ -106,8 +107,11 @@ class _Probe:
         for x, u, other in zip(self._x, self._u, np.roll(self._u, CALLS // 2, axis=0), strict=True):
             simulator.reset(x.copy())
             middle = simulator.advance(u).copy()
+            stream = simulator.rng.bit_generator.state if self._is_random else {}
             onward = simulator.advance(other).copy()
             simulator.reset(middle.copy())
+            if self._is_random:
+                simulator.rng.bit_generator.state = stream  # both steps under the same noise
             off = np.abs(onward - simulator.advance(other)) > REMEMBERS * np.maximum(1.0, np.abs(onward))
             if off.any():
                 name = self._names[0][int(np.argmax(off))]

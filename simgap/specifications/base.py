@@ -293,6 +293,15 @@ class Specification(Section, ABC):
             UserError: cells that cannot express the specification.
         """
 
+    def recognise(self, space: Space, solution: Solution, error: Floats) -> None:
+        """Refuse a solution that keeps an account of another task, with a measurement error (nx,).
+
+        Raises:
+            UserError: what it has come to is not what this specification says of its cells.
+        """
+        if solution.progress is not None:
+            raise UserError("the controller is of a task, which this case does not have")
+
     @abstractmethod
     def monitor(self, space: Space, solution: Solution) -> Monitor:
         """Monitor of the runs of the controller with that solution."""

@@ -175,6 +175,25 @@ class Task(Arena):
         touching = 2.0 * SHRINK * 2.0 * grid.h  # a face that lies on the region's is met: both hold it
         return within, cells_meeting(grid, grown(box, error + touching))
 
+    def recognise(self, space: Space, solution: Solution, error: Floats) -> None:
+        """See `Specification`: its states and its good moves have to be those of the formula, in every cell."""
+        own, (automaton, letters) = solution.progress, self._letters(space, solution.grid, error)
+        following, good = automaton.step[:, letters].T, automaton.good[:, letters].T
+        if own is not None and own.after.shape == following.shape and solution.value is not None:
+            going = solution.free[:, None] & (following >= 0)
+            won = solution.value.reshape(*following.shape, own.base) >= 0
+            goal = np.asarray(solution.target).reshape(won.shape)
+            ends = good | (following == automaton.done)
+            if (
+                own.persists == automaton.persists
+                and np.array_equal(own.after[going], following[going])
+                and np.array_equal(goal, won & ends[..., None])
+                and not (won & ~going[..., None]).any()
+                and (own.persists or np.array_equal(goal, solution.value.reshape(won.shape) == 0))
+            ):
+                return
+        raise UserError("what the controller says its task has come to is not what the formula says")
+
     def monitor(self, space: Space, solution: Solution) -> Monitor:
         """Monitor of the formula on the true states, and of touching nothing."""
         names = sorted(regions(self._read(space)))

@@ -4,7 +4,17 @@ import numpy as np
 import pytest
 from scipy.ndimage import distance_transform_edt
 
-from simgap.attack.campaign import LENGTH, ControlLaw, Danger, Opponent, Scene, WorstDisturbance, WorstStarts, campaign
+from simgap.attack.campaign import (
+    LENGTH,
+    ControlLaw,
+    Danger,
+    Opponent,
+    Scene,
+    WorstDisturbance,
+    WorstStarts,
+    campaign,
+    each_once,
+)
 from simgap.closed_loop import Judge, batch_loop
 from simgap.geometry import Box, Grid
 from simgap.specifications.invariance import Inside
@@ -66,6 +76,15 @@ def at_random(problem, solution, gamma=GAMMA, seed=0):
 def changed(solution, **parts):
     fields = {name: getattr(solution, name) for name in ("grid", "winning", "mask", "free")}
     return Solution(**(fields | parts))
+
+
+def test_no_start_comes_twice_where_it_would_draw_the_same_noise_again():
+    inside = np.arange(40) < 20
+    worst = WorstStarts(Solution(Grid(Box([0], [1]), [40]), inside, inside[:, None].astype(np.uint8), inside))
+    rng = np.random.default_rng(4)
+    assert len(np.unique(worst.draw(300, rng), axis=0)) < 200
+    draw = each_once(lambda n: worst.draw(n, rng))
+    assert len(np.unique([draw(1) for _ in range(300)], axis=0)) == 300
 
 
 def test_a_sound_controller_survives(problem):

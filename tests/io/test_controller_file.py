@@ -244,7 +244,7 @@ class Asked:
     """A case as `load_controller_of` asks for it."""
 
     def __init__(self, name="c", states=("a", "b"), inputs=("u",), input_set=((-1.0,), (0.0,), (1.0,))):
-        self.case = SimpleNamespace(name=name)
+        self.case = SimpleNamespace(name=name, synthesis=None)
         self.states, self.inputs, self.input_set = list(states), list(inputs), np.array(input_set)
         self.own = print  # takes any record
 

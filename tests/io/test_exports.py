@@ -165,7 +165,7 @@ def test_python_and_c_shield_as_simgap_does(tmp_path, kind):
     assert [law["filter"](*row) for row in rows] == given
     for wrong in ([0.0] * (nu + 1), [float("nan")] * nu):
         with pytest.raises(ValueError, match="an input is"):
-            law["filter"](x[0].tolist(), wrong)
+            law["filter"](x[0].tolist(), wrong, 0)
 
     if COMPILER is None:
         pytest.skip("no C compiler")

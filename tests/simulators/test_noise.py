@@ -158,6 +158,56 @@ def test_random_numbers_of_its_own_are_refused_by_the_name_of_the_key(tmp_path, 
         roll_out(cart(tmp_path, section), tmp_path, X, U)
 
 
+ENGINES = """
+import numpy as np
+from simgap.config.simulator import EngineSection
+from simgap.simulators.base import Engine
+
+class Fresh(Engine):
+    Settings, engine, nx, nu, stochastic = EngineSection, "own", 2, 1, True
+
+    @classmethod
+    def build(cls, case, folder):
+        return cls()
+
+    def reset(self, x):
+        self.x, self.wind = x, 0.0
+
+    def drawn(self):
+        return self.rng.normal(size=self.rng.integers(1, 4))[-1]
+
+    def advance(self, u):
+        self.x = self.x + 0.01 * np.array([self.x[1], u[0] + self.drawn()])
+        return self.x.copy()
+
+class Coloured(Fresh):
+    def drawn(self):
+        self.wind = 0.9 * self.wind + self.rng.normal()
+        return self.wind
+
+class OnceARun(Fresh):
+    def reset(self, x):
+        self.x, self.wind = x, self.rng.normal()
+
+    def drawn(self):
+        return self.wind
+"""
+
+
+@pytest.mark.parametrize("name", ["Coloured", "OnceARun"])
+def test_noise_that_depends_on_earlier_steps_is_refused(tmp_path, name):
+    (tmp_path / "own.py").write_text(ENGINES)
+    roll_out(cart(tmp_path, {"engine": "own.py:Fresh", "stochastic": True}), tmp_path, X, U)
+    with pytest.raises(UserError, match="the simulator has more state than the case"):
+        roll_out(cart(tmp_path, {"engine": f"own.py:{name}", "stochastic": True}), tmp_path, X, U)
+
+
+def test_an_engine_that_draws_though_the_case_does_not_say_so_is_refused_by_the_key(tmp_path):
+    (tmp_path / "own.py").write_text(ENGINES)
+    with pytest.raises(UserError, match=r"^simulator\.stochastic: .*draws random numbers.*stochastic: true"):
+        roll_out(cart(tmp_path, {"engine": "own.py:Fresh"}), tmp_path, X, U)
+
+
 def test_the_statement_is_one_of_steps_and_of_runs(tmp_path):
     case = cart(tmp_path, EQUATIONS | {"noise": BOTH}, **grid(noise={"alpha": 1e-4}))
     said = statement_of(case, 48)
@@ -168,6 +218,14 @@ def test_the_statement_is_one_of_steps_and_of_runs(tmp_path):
     assert draws_at(load_case(write_cart(tmp_path, simulator=EQUATIONS)), 48) == 0
     for steps in (1, 7, 500, 123_456):
         assert 0.95 <= (1.0 - alpha_of_run(steps)) ** steps < 0.955
+
+
+@pytest.mark.parametrize("noise", [{"alpha": 1e-13}, {"confidence": 1.0 - 1e-13}])
+def test_what_would_be_printed_as_certain_cannot_be_asked_for(tmp_path, noise):
+    with pytest.raises(UserError, match=f"gap.noise.{next(iter(noise))}"):
+        cart(tmp_path, EQUATIONS | {"noise": BOTH}, **grid(noise=noise))
+    said = NoiseStatement(1e-8, 1.0 - 1e-8, 1, 1)
+    assert "at least 99.999999 %, with 99.999999 % confidence" in said.of_step
 
 
 def test_check_says_what_a_statement_costs(tmp_path):

@@ -6,6 +6,7 @@ controller may apply is checked by following all of it: nothing unserved is reac
 """
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from simgap.geometry import Box
 from simgap.io.controller_file import load_controller, save_controller
 from simgap.specifications.base import Run
 from simgap.specifications.formula import automaton_of, parse, regions
+from simgap.specifications.invariance import Invariance
 from simgap.specifications.space import Space
 from simgap.specifications.task import Task
 from simgap.synthesis.controller import Controller
@@ -305,6 +307,7 @@ def test_runs_keep_the_task_and_its_certificate_and_those_that_jump_are_found(tm
         assert np.array_equal(law.progress.after, found.progress.after)
         space = Space(("a", "b"), Box([0, 0], tiny.cells), tiny.periodic)
         task = Task(kind="task", formula=formula, regions=boxes)
+        task.recognise(space, law.solution, np.zeros(2))
         monitor = task.monitor(space, law.solution)
         for number in range(20):
             start = law.grid.centres()[rng.choice(found.beginnings)]
@@ -343,6 +346,33 @@ def test_a_controller_that_does_not_get_on_is_found():
         run = Run(np.array(x), applied, False, np.array(x), np.ones(steps + 1), np.array(memory))
         assert not monitor.judge(run, steps).outcome.kept
         assert strays(found, run) > 0
+
+
+def test_a_controller_file_that_calls_a_task_done_too_early_is_refused():
+    """Its own account would let it rest after one round: no run of it strays, and it waits no longer than it says."""
+    tiny = Tiny([3, False], False)
+    tiny.cells, tiny.periodic, tiny.obstacles = (5, 1), (), []
+    tiny.offsets = np.zeros((2, 5, INPUTS, 2), int)
+    tiny.offsets[0] = np.array([-1, 0, 1, 1])[None, :, None]
+    space, boxes = Space(("a", "b"), Box([0, 0], [5, 1]), ()), {"a": {"a": (0.0, 1.0)}, "b": {"a": (4.0, 5.0)}}
+    task, found = asked("G F a & G F b", boxes), solved(tiny, "G F a & G F b", boxes, False)
+    task.recognise(space, found, np.zeros(2))
+    value, mask = found.value.reshape(5, 2).copy(), found.mask.reshape(5, 2, -1).copy()
+    value[1:, 0], value[0, 1], mask[1:, 0] = 0, 2**20, 1 << 1  # back at the first state it is done and stays
+    value = value.reshape(-1)
+    tampered = replace(found, mask=mask.reshape(10, -1), value=value, target=value == 0)
+    law = Controller(np.arange(INPUTS, dtype=float)[:, None], ("a", "b"), ("u",), tampered, "least_effort", {})
+    rng, monitor = np.random.default_rng(0), task.monitor(space, tampered)
+    run = closed_loop(Picked(tiny, law, rng, False), law, np.full(2, 0.5), 60, Sensing(np.zeros(2)), rng, monitor)
+    assert monitor.judge(run, 60).outcome.kept
+    assert strays(tampered, run) == 0
+    turned = replace(found, progress=replace(found.progress, after=found.progress.after[:, ::-1].copy()))
+    stays = replace(found, progress=replace(found.progress, persists=True))
+    for other in (tampered, turned, stays, replace(found, progress=None)):
+        with pytest.raises(UserError, match="is not what the formula says"):
+            task.recognise(space, other, np.zeros(2))
+    with pytest.raises(UserError, match="which this case does not have"):
+        Invariance(kind="invariance", safe={}).recognise(space, found, np.zeros(2))
 
 
 def test_a_state_on_a_face_of_two_cells_is_in_a_region_that_ends_there():

@@ -9,8 +9,9 @@ import yaml
 from simgap.attack.campaign import Campaign
 from simgap.attack.witness import DISTURBANCE, SIMULATOR
 from simgap.attack.worst_step import SearchRecord
+from simgap.closed_loop import BEYOND, Judge
 from simgap.errors import BrokenPromise, UserError
-from simgap.extras import certify
+from simgap.extras import certify, shield
 from simgap.gap.noise import NoiseStatement
 from simgap.io.results import read_parquet
 from simgap.plants.context import Context
@@ -51,7 +52,7 @@ def bounded(folder, seed=0, rolled=road.roll_out):
     return case, shards
 
 
-def test_from_the_case_to_the_adversary(tmp_path):
+def test_from_the_case_to_the_adversary(tmp_path, monkeypatch):
     folder = tmp_path / "run"
     case, shards = bounded(folder)
     bound = json.loads((folder / "gap.json").read_text())
@@ -71,6 +72,13 @@ def test_from_the_case_to_the_adversary(tmp_path):
     found = json.loads((folder / "v.json").read_text())
     assert found["noise"].startswith("A run of 50 steps keeps its promise with a probability of at least 36.4 %")
     assert found["controllers"]["gap"]["simulator"]["steps"] == 1000
+
+    ends = {"stayed": 1, BEYOND: 1}
+    few = {"runs": 2, "steps": 10, "runs_that_violated_it": 1, "steps_outside_gamma": 1, "ends": ends}
+    monkeypatch.setattr(Judge, "count", lambda judge, *_: (few if judge.noisy else few | {"ends": {}}, {}))
+    driven = shield._drive(case, folder / "gap.json", folder / "aware.npz", "random", 1)
+    monkeypatch.undo()
+    validation.keep_promise(driven["shielded"], *driven["judged_by"])  # one step in 10 may be chance
 
     files = audit.AuditFiles(folder / "gap.json", folder / "aware.npz", shards, folder / "fresh.parquet")
     audit.run(case, files, audit.AuditOutputs(folder / "a.json", folder / "m.parquet", folder / "w.json"), 1)
