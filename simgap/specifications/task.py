@@ -177,7 +177,7 @@ class Task(Arena):
 
     def recognise(self, space: Space, solution: Solution, error: Floats) -> None:
         """See `Specification`: its states and its good moves have to be those of the formula, in every cell."""
-        own, (automaton, letters) = solution.progress, self._letters(space, solution.grid, error)
+        own, (automaton, letters) = solution.progress, self.watch(space, solution.grid, error)
         following, good = automaton.step[:, letters].T, automaton.good[:, letters].T
         if own is not None and own.after.shape == following.shape and solution.value is not None:
             going = solution.free[:, None] & (following >= 0)

@@ -98,7 +98,6 @@ def test_regions_of_a_task_are_bands_on_the_runs_that_pass_them(made):
         for axis, kind in ((left, NOMINAL), (right, GAP_AWARE)):
             x = runs[kind].x[runs[kind].t <= axis.get_xlim()[1], 0]
             assert axis.get_ylim()[0] < x.min() <= x.max() < axis.get_ylim()[1]
-        style.close(figure)
 
 
 def test_domains_are_drawn_where_they_win(made):
