@@ -379,13 +379,13 @@ def build_problem(
     return Problem(
         model=model,
         t=t,
-        y=np.concatenate([trace.y for trace in record.traces]),
+        y=np.ascontiguousarray(np.concatenate([trace.y for trace in record.traces])),
         u=np.ascontiguousarray(np.concatenate([trace.u for trace in record.traces])),
         firsts=np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64),
         windows=windows,
         sigma=sigma,
         h_max=interval(t),
-        used=np.concatenate([trace.compared for trace in record.traces]),
+        used=np.ascontiguousarray(np.concatenate([trace.compared for trace in record.traces])),
         heard=np.ones(len(record.measured)),
         weight=np.ones((len(t), len(record.measured))) if weight is None else weight,
     )
