@@ -42,8 +42,8 @@ from simgap.diagnosis.verdict.faults import faint_memory, noise_faults, push_fau
 from simgap.diagnosis.verdict.judge import (
     Evidence,
     HeldOut,
+    ahead_alone,
     excess_share,
-    judge,
     judged,
     slight,
     verdict,
@@ -281,7 +281,7 @@ def second_look(
         (added,) = (c.key for c in e.members if c.key not in found.keys)
         if is_fault(added[0]):
             continue
-        share = 1.0 - excess_share(left, judge(confirm, e.fit.theta, horizon_s), confirm.sigma)
+        share = 1.0 - excess_share(left, ahead_alone(confirm, e.fit.theta, horizon_s, left), confirm.sigma)
         if share >= MATTERS:
             told = answer.found_effects(search, e, (), chi2_dof(search.problem, e.fit), False, model)
             said += [LeftOver(f, share) for f in told if (f.name, f.on) == added]

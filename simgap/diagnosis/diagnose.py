@@ -129,7 +129,7 @@ def _sought(model: SymbolicModel, record: Record, settings: DiagnosisSettings, w
     robust = None
     most, before = settings.max_effects, seek.begun(parts.known, not_tried, watch)
     seek.looked_again(watch, watch.save)
-    tiers = Tiers(model, record, settings, not_tried, parts)
+    tiers = Tiers(model, settings, not_tried, parts)
     wider, wide = tiers.screened(*before)
     if wider is None:
         pushed = None if seek.explained_by_one(*before) else seek.under_its_law(parts, *before, most, not_tried)

@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import DiagnosisSettings, Key
 from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.explanations import Explanation, Search
@@ -24,7 +23,7 @@ from simgap.diagnosis.search.scoring import Starts
 from simgap.diagnosis.search.selection import grow, preferred
 from simgap.diagnosis.search.whiteness import memory_left
 from simgap.diagnosis.seek import Searched, begun, ended, looked_again
-from simgap.diagnosis.simulation.parts import Parts, parts_of
+from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.refit import refit
 from simgap.diagnosis.simulation.sensitivity import choose_steps, with_values
@@ -45,20 +44,18 @@ class Tiers:
     """The tiers of the library for one record.
 
     Attributes:
-        model, record, settings: of the diagnosis; not_tried: candidates that are barred.
-        like: the folds of the first tier, whose law of gross errors holds for all.
+        model, settings: of the diagnosis; not_tried: candidates that are barred.
+        like: the folds of the first tier, whose windows and law of gross errors hold for all.
     """
 
     model: SymbolicModel
-    record: Record
     settings: DiagnosisSettings
     not_tried: Mapping[Key, str]
     like: Parts
 
     def _begun(self, first: Search, last: bool = False, few: Collection[str] = ()) -> Begun:
         settings = replace(self.settings, effects=tuple(few)) if few else self.settings
-        parts, _ = parts_of(self.model, self.record, settings, not few or last, last)
-        parts = parts.under_the_law_of(self.like)
+        parts = self.like.with_tier(settings, not few or last, last)
         return parts, *begun(parts.known, self.not_tried, first.watch)
 
     def screened(self, search: Search, base: Fit) -> tuple[tuple[Parts, Searched] | None, Begun | None]:

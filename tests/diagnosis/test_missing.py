@@ -11,7 +11,7 @@ from simgap.config.load import parse_case
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.verdict.missing import missing_terms
 from simgap.effects import AppliedEffect, apply_effects
-from simgap.model.symbolic import PlanarWheels, SymbolicModel, Variable, symbol
+from simgap.model.symbolic import Coordinate, PlanarWheels, SymbolicModel, Variable, symbol
 from simgap.plants.plant_model import PlantModel
 from tests.stages import diagnosis_example as example
 
@@ -40,6 +40,24 @@ def test_dry_friction_is_a_step_over_speed(model, measured):
     ):  # bars are 95 %: twice that is 4 sigma
         assert np.all(np.abs(side.mean - true)[fast] <= 2.0 * side.half[fast] + 0.01)
     assert np.sum(np.abs(corrected.mean[fast])) < 0.2 * np.sum(np.abs(before.mean[fast]))
+
+
+def test_a_force_of_each_turn_is_seen_over_many_turns():
+    speed, ripple, dt = 3.0, 0.2, 0.002
+    spinning = SymbolicModel(
+        states=(Variable("q", "rad"), Variable("v", "rad/s")), inputs=(Variable("u", "N*m"),), parameters={},
+        xdot=(symbol("v"), symbol("u")), coordinates=(Coordinate("axis", "q", "v", "N*m"),),
+        force_map={"axis": (sp.Integer(0), sp.Integer(1))},
+    )  # fmt: skip
+    t = np.arange(20_000) * dt
+    q = speed * t  # the input balances the ripple, so that it turns evenly
+    held = -ripple * np.sin(3.0 * (q + 0.5 * speed * dt))
+    run = Trace("spin", t, np.stack([q, np.full_like(t, speed)], axis=1), held[:, None])
+    (lack,) = missing_terms(Record((run,), ("q", "v"), ("u",)), spinning, spinning, {}, np.array([1e-4, 1e-3]))
+    seen = lack.before["q"]
+    assert lack.folded == {"q"}
+    assert np.ptp(seen.centre) <= 2.0 * np.pi
+    np.testing.assert_allclose(seen.mean, ripple * np.sin(3.0 * seen.centre), atol=0.04)
 
 
 def test_a_late_input_shows_only_where_it_is_not_declared(model):

@@ -165,8 +165,8 @@ def test_a_step_that_a_stiff_effect_needs_shorter_does_not_resolve_it():
     t = np.arange(0.0, 4.0, 0.02)
     q = 0.3 * np.sin(2.0 * t)
     record = Record((Trace("run", t, q[:, None], np.zeros((len(t), 1))),), ("q",), ("u",))
-    parts, _ = parts_of(block(), record, DiagnosisSettings(noise={"q": 1e-3}), second=True)
-    problem = parts.known
+    parts, _ = parts_of(block(), record, settings := DiagnosisSettings(noise={"q": 1e-3}))
+    problem = parts.with_tier(settings, True, False).known
     slots = problem.model.find("dahl_friction", "slide").slots
     for distance, good in ((0.05, True), (1e-4, False)):
         theta = problem.model.null.copy()

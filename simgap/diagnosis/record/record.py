@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -80,6 +81,21 @@ class Record:
     def interval(self) -> float:
         """Median interval of the stamps, s."""
         return float(np.median(np.concatenate([np.diff(trace.t) for trace in self.traces])))
+
+    def with_columns(self, y: Sequence[int], u: Sequence[int], y_factor: Floats, u_factor: Floats) -> Record:
+        """The same with readings and inputs from other columns of its own, in this order, times factors (k,), (m,)."""
+
+        def true(trace: Trace) -> Trace:
+            used = None if trace.used is None else trace.used[:, y]
+            own = (np.ascontiguousarray(trace.y[:, y] * y_factor), np.ascontiguousarray(trace.u[:, u] * u_factor))
+            return replace(trace, y=own[0], u=own[1], used=used)
+
+        return replace(self, traces=tuple(map(true, self.traces)))
+
+
+def exchanged(order: Iterable[int], i: int, j: int) -> tuple[int, ...]:
+    """The same order with two places exchanged."""
+    return tuple(j if k == i else i if k == j else k for k in order)
 
 
 def runs(flags: Bools) -> list[tuple[int, int]]:

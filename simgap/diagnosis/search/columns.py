@@ -16,7 +16,7 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.diagnosis.record.faults.columns import SwappedColumns, WrongSign, WrongUnit
-from simgap.diagnosis.record.record import Record
+from simgap.diagnosis.record.record import Record, exchanged
 from simgap.diagnosis.result import RecordingFault
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.simulation.initial import initial_states
@@ -80,11 +80,7 @@ class Columns:
 
     def of_record(self, record: Record) -> Record:
         """The record with the columns as they really are."""
-        read, put, traces = list(self.y_order), list(self.u_order), []
-        for trace in record.traces:
-            used = None if trace.used is None else trace.used[:, read]
-            traces.append(replace(trace, y=trace.y[:, read] * self.y, u=trace.u[:, put] * self.u, used=used))
-        return replace(record, traces=tuple(traces))
+        return record.with_columns(self.y_order, self.u_order, self.y, self.u)
 
 
 def better_columns(problem: Problem, within: Mapping[str, tuple[float, float]]) -> Columns | None:
@@ -205,9 +201,9 @@ def _options(problem: Problem) -> Iterator[Columns]:
                 if (factor > 1.0) is larger:
                     yield scaled(which, of_input, factor, WrongUnit().of(name, words, factor), f"{name} in {words}")
     for i, j in itertools.combinations(range(k), 2):
-        yield Columns(SwappedColumns().of(names[i], names[j]), *ones, _exchanged(same[0], i, j), same[1])
+        yield Columns(SwappedColumns().of(names[i], names[j]), *ones, exchanged(same[0], i, j), same[1])
     for i, j in itertools.combinations(range(m), 2):
-        yield Columns(SwappedColumns().of(inputs[i], inputs[j]), *ones, same[0], _exchanged(same[1], i, j))
+        yield Columns(SwappedColumns().of(inputs[i], inputs[j]), *ones, same[0], exchanged(same[1], i, j))
 
 
 def _groups(names: Sequence[str], units: Mapping[str, str]) -> Iterator[tuple[list[int], bool, str]]:
@@ -226,9 +222,3 @@ def _mistaken(unit: str) -> list[tuple[str, float]]:
         "m": [("millimetres", 1e-3), ("kilometres", 1e3)],
         "m/s": [("millimetres a second", 1e-3), ("kilometres a second", 1e3)],
     }.get(unit, list(_THOUSANDS))
-
-
-def _exchanged(order: tuple[int, ...], i: int, j: int) -> tuple[int, ...]:
-    out = list(order)
-    out[i], out[j] = out[j], out[i]
-    return tuple(out)

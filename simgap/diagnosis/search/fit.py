@@ -13,6 +13,7 @@ from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.refit import (
     PATIENCE,
+    SOONER,
     Refit,
     begun_afresh,
     refit,
@@ -35,7 +36,8 @@ _MAX_ITERATIONS = 30
 _SOFTEST, _STIFFEST = 1e-9, 1e8  # damping
 _ROUNDS = 3  # descents, windows that stand out begun afresh between them
 _FEW = 4  # linearisations of a window that does worse than foreseen
-_SHORT, _LEAST = 0.3, 0.05  # a window whose chi^2 misses this share of its foreseen drop, and this much, is refitted
+_SHORT, _LEAST = 0.3, 0.05  # a window whose chi^2 misses this share of its foreseen drop, and this much in units of
+# its chi^2/dof where that is above 1, is refitted
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,9 +134,9 @@ def fit(
     return Fit(at.theta, at.x0, tuple(slots), at.total, inverted(linear.gram, 1e-12), limit, converged, problem)
 
 
-def _least_gain(at: _Point) -> float:
-    """A decrease of chi^2 that is worth no further step."""
-    return 1e-3 + 1e-7 * at.total
+def _least_gain(problem: Problem, at: _Point) -> float:
+    """A decrease of chi^2 that is worth no further step, in units of chi^2/dof where that is above 1."""
+    return 1e-3 * max(1.0, at.total / problem.size) + 1e-7 * at.total
 
 
 def _descend(
@@ -145,7 +147,7 @@ def _descend(
     Returns:
         the end, the last linearisation, whether that promises no more of the parameters, whether it was given up.
     """
-    damping, settled, vain = 1e-4, False, 0
+    damping, harder, settled, vain = 1e-4, SOONER, False, 0
     for _ in range(most):
         directions = [slot_direction(problem, at.theta, k, steps[k]) for k in free]
         linear = linearise(problem, at.theta, at.x0, directions)
@@ -153,7 +155,7 @@ def _descend(
         foreseen = linear.foreseen(whole[free] - at.theta[free])
         of_parameters = float(np.sum(linear.window_rest - foreseen))
         settled = of_parameters <= _SETTLED * max(1.0, at.total / problem.size)
-        if at.total - float(np.sum(foreseen)) < _least_gain(at):
+        if at.total - float(np.sum(foreseen)) < _least_gain(problem, at):
             break
         vain = vain + 1 if float(np.sum(foreseen)) > useless else 0
         if vain == PATIENCE:
@@ -166,14 +168,14 @@ def _descend(
             if tried.total <= at.total:
                 new = tried
                 break
-            if float(np.sum(linear.window_rest - linear.foreseen(step))) < _least_gain(at):
+            if float(np.sum(linear.window_rest - linear.foreseen(step))) < _least_gain(problem, at):
                 break  # a shorter step has nothing left to gain
-            damping *= 10.0
+            damping, harder = damping * harder, harder * SOONER
         if new is None:  # no step leads down: not at a minimum by any word of the linear problem
             break
         gain, at = at.total - new.total, new
-        damping = max(damping / 10.0, _SOFTEST)
-        if gain < _least_gain(at):
+        damping, harder = max(damping / SOONER, _SOFTEST), SOONER
+        if gain < _least_gain(problem, at):
             break
     return at, linear, settled, False
 
@@ -184,13 +186,13 @@ def _follow(problem: Problem, at: _Point, linear: Linearised, theta: Floats, ste
     chi2 = window_chi2(problem, theta, x0)
     if float(np.sum(chi2)) <= at.total and not problem.model.rubs(theta):
         return _Point(theta, x0, chi2)
-    foreseen = linear.foreseen(step)
-    worse = np.flatnonzero(chi2 > foreseen + _LEAST)
+    foreseen, least = linear.foreseen(step), _LEAST * np.maximum(1.0, at.chi2 / problem.counts)
+    worse = np.flatnonzero(chi2 > foreseen + least)
     if worse.size:  # its own acceptance: a window for which the step is no good stays where it was
         old = window_chi2(problem.on(problem.windows.pick(worse)), theta, at.x0[worse])
         back = worse[old < chi2[worse]]
         x0[back], chi2[back] = at.x0[back], old[old < chi2[worse]]
-    lost = np.flatnonzero(chi2 > foreseen + _SHORT * np.maximum(at.chi2 - foreseen, 0.0) + _LEAST)
+    lost = np.flatnonzero(chi2 > foreseen + _SHORT * np.maximum(at.chi2 - foreseen, 0.0) + least)
     if lost.size:
         ends = refit(problem.on(problem.windows.pick(lost)), theta, x0[lost], _FEW)
         x0[lost], chi2[lost] = ends.x0, ends.chi2

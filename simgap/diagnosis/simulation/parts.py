@@ -12,9 +12,9 @@ from simgap.diagnosis.record.noise import worth
 from simgap.diagnosis.record.record import MIN_SAMPLES, Record
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.simulation.initial import GROWTH, runs_away
-from simgap.diagnosis.simulation.problem import Problem, build_problem
+from simgap.diagnosis.simulation.problem import Memo, Problem, build_problem
 from simgap.diagnosis.simulation.step_length import settled
-from simgap.diagnosis.simulation.supermodel import cached_supermodel
+from simgap.diagnosis.simulation.supermodel import SuperModel, cached_supermodel
 from simgap.effects import EFFECTS
 from simgap.model.symbolic import SymbolicModel
 
@@ -58,10 +58,11 @@ class Parts:
         known, fit, choose = (p.on(left_out(p.windows, p.t, spans)) for p in (self.known, self.fit, self.choose))
         return replace(self, known=known, fit=fit, choose=choose, left_out=spans)
 
-    def under_the_law_of(self, other: Parts) -> Parts:
-        """The same without the times that another left out, and with its law of gross errors."""
-        parts = self.leaving_out(other.left_out) if other.left_out else self
-        return parts if other.known.usual is None else parts.with_gross_errors(other.known.usual, ())
+    def with_tier(self, settings: DiagnosisSettings, second: bool, last: bool) -> Parts:
+        """The same windows and law of the noise with other candidates: see `parts_of`."""
+        own = self.known.model
+        compiled = _compiled(own.model, own.measured, settings, second, last)
+        return self.changed(lambda p: replace(p, model=compiled, memo=Memo()))
 
     def changed(self, change: Callable[[Problem], Problem]) -> Parts:
         """Each of the problems, changed."""
@@ -86,17 +87,22 @@ _NO_COORDINATES = (
 _NO_PLACE = "{} was named and not sought: it has no place in this model, as it needs {}."
 
 
-def parts_of(
-    model: SymbolicModel, record: Record, settings: DiagnosisSettings, second: bool = False, last: bool = False
-) -> tuple[Parts, tuple[str, ...]]:
-    """The folds as problems, and what is to be said of them.
+def _compiled(
+    model: SymbolicModel, measured: tuple[str, ...], settings: DiagnosisSettings, second: bool = False,
+    last: bool = False,
+) -> SuperModel:  # fmt: skip
+    """The model with its candidates: those of the first tier, or those that the settings name.
 
     `second`: with effects that others are tried before; `last`: with those that are sought after all others; but for
     these, the ones that the settings name beside others are left out until then.
     """
     early = tuple(n for n in settings.effects if n not in EFFECTS or not EFFECTS[n].last)
-    asked = settings.effects if last or not early else early
-    compiled = cached_supermodel(model, record.measured, asked, second, last)
+    return cached_supermodel(model, measured, settings.effects if last or not early else early, second, last)
+
+
+def parts_of(model: SymbolicModel, record: Record, settings: DiagnosisSettings) -> tuple[Parts, tuple[str, ...]]:
+    """The folds as problems with the first tier of effects, and what is to be said of them."""
+    compiled = _compiled(model, record.measured, settings)
     readings = worth(record)
     sigma = readings.sigma
     for name, value in settings.noise.items():

@@ -154,11 +154,10 @@ class Problem:
         """Degrees of freedom that motors which swing behind their joints take at theta (q,), two in each window."""
         return 2.0 * len(self.windows) * sum(train.swings(theta) for train in self.model.trains)
 
-    @cached_property
+    @property
     def _root_weight(self) -> Floats | None:
-        """(rows, k) factors of the misses; None where all are 1."""
-        less = self.memo.kept("weight", b"", lambda: bool(np.any(self.weight < 1.0)))
-        return np.sqrt(self.weight[self.samples]) if less else None
+        """(n, k) factors of the misses; None where all are 1."""
+        return self.memo.kept("weight", b"", lambda: np.sqrt(self.weight) if np.any(self.weight < 1.0) else None)
 
     @property
     def spacing(self) -> float:
@@ -297,7 +296,7 @@ class Problem:
     def misses(self, theta: Floats, x0: Floats) -> Floats:
         """(measured - predicted) / sigma, (rows, k); a diverging simulation is cut to a large number."""
         residual = self.predict(theta, x0)
-        _compare(self.readings, self.sigma, self._used, residual)
+        _compare(self.y, self.sigma, self.used, self.samples, residual)
         return residual
 
     def residuals(self, theta: Floats, x0: Floats) -> Floats:
@@ -305,8 +304,8 @@ class Problem:
         residual = self.misses(theta, x0)
         if self.colour is not None:
             whiten(residual, self.rows, *self.colour.memory)
-        if self._root_weight is not None:
-            residual *= self._root_weight
+        if (root := self._root_weight) is not None:
+            residual *= root[self.samples]
         if not self.heard.all():
             residual *= self.heard
         return residual if self.usual is None else limited(residual, self.spread)
@@ -356,13 +355,13 @@ def lagged_excess(t: Floats, level: Floats, firsts: Ints, lag: float) -> Floats:
     return excess
 
 
-@njit("void(float64[:, ::1], float64[::1], float64[:, ::1], float64[:, ::1])", cache=True)
-def _compare(readings: Floats, sigma: Floats, used: Floats, predicted: Floats) -> None:
-    """Predictions become (measured - predicted) / sigma, in place; what diverged becomes a large number."""
-    for i in range(predicted.shape[0]):
+@njit("void(float64[:, ::1], float64[::1], float64[:, ::1], int64[::1], float64[:, ::1])", cache=True)
+def _compare(y: Floats, sigma: Floats, used: Floats, samples: Ints, predicted: Floats) -> None:
+    """Predictions of samples become (measured - predicted) / sigma, in place; what diverged a large number."""
+    for i, k in enumerate(samples):
         for j in range(predicted.shape[1]):
-            r = (readings[i, j] - predicted[i, j]) / sigma[j]
-            predicted[i, j] = used[i, j] * (min(max(r, -FARTHEST), FARTHEST) if r == r else FARTHEST)
+            r = (y[k, j] - predicted[i, j]) / sigma[j]
+            predicted[i, j] = used[k, j] * (min(max(r, -FARTHEST), FARTHEST) if r == r else FARTHEST)
 
 
 def interval(t: Floats) -> float:
@@ -380,13 +379,13 @@ def build_problem(
     return Problem(
         model=model,
         t=t,
-        y=np.concatenate([trace.y for trace in record.traces]),
+        y=np.ascontiguousarray(np.concatenate([trace.y for trace in record.traces])),
         u=np.ascontiguousarray(np.concatenate([trace.u for trace in record.traces])),
         firsts=np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64),
         windows=windows,
         sigma=sigma,
         h_max=interval(t),
-        used=np.concatenate([trace.compared for trace in record.traces]),
+        used=np.ascontiguousarray(np.concatenate([trace.compared for trace in record.traces])),
         heard=np.ones(len(record.measured)),
         weight=np.ones((len(t), len(record.measured))) if weight is None else weight,
     )

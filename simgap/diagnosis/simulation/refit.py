@@ -20,6 +20,9 @@ from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import chunks, state_columns, state_steps
 from simgap.diagnosis.thresholds import NEAR
 
+SOONER = 10.0
+"""Factor of a damping after a step that was taken, or rejected; of each further rejection in a row so much larger
+(Nielsen (1999), Damping Parameter in Marquardt's Method): at a kink no step leads down, and that is soon known."""
 PATIENCE = 5
 """Linear problems in a row that promise a useless end: a start is given up. Of the sets of 367 fits to two runs of a
 rod (sac and ddp of the real recordings) one ended higher than where no start was given up, three at a patience of 3."""
@@ -140,18 +143,23 @@ def _refit(problem: Problem, theta: Floats, x0: Floats, steps: Floats, most: int
     x0, w = x0.copy(), len(x0)
     chi2, gram, gradient = _normal(problem, theta, x0, steps)
     left, vain, damping, active = np.full(w, np.inf), np.ones(w), np.full(w, _SOFT), np.arange(w)
+    harder, sub = np.full(w, SOONER), problem
     for _ in range(2 * most):
-        step, promise = _damped(gram[active], gradient[active], damping[active])
+        step, own, promise = _damped(gram[active], gradient[active], damping[active])
         left[active] = promise
         vain[active[chi2[active] - promise < useless[active]]] = 0
-        done = (promise < 1e-4 + 1e-7 * chi2[active]) | (vain[active] >= PATIENCE)
+        least = 1e-4 * np.maximum(1.0, chi2[active] / problem.counts[active]) + 1e-7 * chi2[active]
+        done = (own < least) | (vain[active] >= PATIENCE)
         active, step = active[~done], step[~done]
         if not active.size:
             break
         tried = x0[active] + step
-        after, bent, pull = _normal(_pick(problem, active), theta, tried, steps)
+        sub = sub if len(active) == len(sub.windows) else _pick(problem, active)  # they only get fewer
+        after, bent, pull = _normal(sub, theta, tried, steps)
         won = after < chi2[active]
-        damping[active] = np.where(won, np.maximum(damping[active] / 10.0, _SOFTEST), damping[active] * 10.0)
+        softer = np.maximum(damping[active] / SOONER, _SOFTEST)
+        damping[active] = np.where(won, softer, damping[active] * harder[active])
+        harder[active] = np.where(won, SOONER, harder[active] * SOONER)
         better = active[won]
         x0[better], chi2[better], gram[better], gradient[better] = tried[won], after[won], bent[won], pull[won]
         vain[better] += 1
@@ -172,11 +180,12 @@ def _normal(problem: Problem, theta: Floats, x0: Floats, steps: Floats) -> tuple
     return _sums(problem, centre), gram, gradient
 
 
-def _damped(gram: Floats, gradient: Floats, damping: Floats) -> tuple[Floats, Floats]:
-    """Steps (w, nx) with a damping for each window, and the decrease of chi^2 that undamped ones promise (w,)."""
+def _damped(gram: Floats, gradient: Floats, damping: Floats) -> tuple[Floats, Floats, Floats]:
+    """Steps (w, nx) with a damping for each window, and the decrease of chi^2 that they and undamped ones promise."""
     scale = np.sqrt(np.maximum(np.einsum("wii->wi", gram), 1e-300))
     unit = gram / (scale[:, :, None] * scale[:, None, :])
     right, eye = (gradient / scale)[:, :, None], np.eye(gram.shape[1])
     each = np.stack([unit + damping[:, None, None] * eye, unit + _SOFTEST * eye])
     step, full = np.linalg.solve(each, right)[..., 0] / scale
-    return step, np.einsum("wi,wi->w", full, gradient)
+    own = 2.0 * np.einsum("wi,wi->w", step, gradient) - np.einsum("wi,wij,wj->w", step, gram, step)
+    return step, own, np.einsum("wi,wi->w", full, gradient)

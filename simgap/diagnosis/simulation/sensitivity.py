@@ -123,11 +123,12 @@ def choose_steps(problem: Problem, theta: Floats, x0: Floats, slots: Iterable[in
     """
     part, few = problem.some()
     target = _JERKED_RESPONSE if problem.model.jerks(theta) else _TARGET_RESPONSE
-    steps = dict.fromkeys(slots, _FIRST_STEP)
+    steps, here = dict.fromkeys(slots, _FIRST_STEP), part.residuals(theta, x0[few])
     for slot in steps:
         for _ in range(3):
             d = slot_direction(part, theta, slot, steps[slot])
-            response = np.abs(part.residuals(d.plus, x0[few]) - part.residuals(d.minus, x0[few]))
+            away = d.minus if np.array_equal(d.plus, theta) else d.plus
+            response = np.abs(part.residuals(away, x0[few]) - here)
             size = float(np.sqrt(np.mean(np.minimum(response, 1e6) ** 2)))
             if size > 0.0 and 0.2 < size / target < 5.0:
                 break

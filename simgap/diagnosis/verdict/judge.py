@@ -76,6 +76,12 @@ def judge(held: Problem, theta: Floats, horizon_s: float) -> HeldOut:
     return HeldOut(at.x0, rmse, ratio, chi2, free, held.heard, ahead, errors, int(np.sum(are_gross(loss, noise))))
 
 
+def ahead_alone(held: Problem, theta: Floats, horizon_s: float, like: HeldOut) -> HeldOut:
+    """What `judge` says of errors ahead, the rest `like` another's; all of it where no stretch is long enough."""
+    ahead = _ahead(replace(held, usual=None), theta, horizon_s)
+    return judge(held, theta, 0.0) if ahead is None else replace(like, horizon=ahead)
+
+
 def errors_ahead(held: Problem, theta: Floats, horizon_s: float) -> Errors:
     """What `judge` scores a model by, and nothing else."""
     held = replace(held, usual=None)

@@ -17,8 +17,10 @@ from simgap.diagnosis.thresholds import SURE
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
 from simgap.signals import savgol_coeffs, savgol_filter
+from simgap.units import full_turn
 
 SPAN_S, MIN_POINTS, BINS, ORDER = 0.08, 9, 24, 3
+_MANY = 2.0  # turns
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +39,7 @@ class Missing:
     Attributes:
         label, unit: what lacks ('torque at the hinge') and its unit.
         before, after: for each regressor, the binned mean under the nominal and under the corrected model.
-        units: unit of each regressor.
+        units: unit of each regressor; folded: angles over many turns, which are shown within one.
     """
 
     label: str
@@ -45,6 +47,7 @@ class Missing:
     before: Mapping[str, Binned]
     after: Mapping[str, Binned]
     units: Mapping[str, str]
+    folded: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,11 +94,13 @@ def missing_terms(
     ]
     columns = {n: np.concatenate([m.values[n] for m in motions]) for n in regressors}
     columns = {n: c for n, c in columns.items() if np.ptp(c) > 0.0}
+    turns = {n: turn for n in columns if (turn := full_turn(before.units[n])) and np.ptp(columns[n]) > _MANY * turn}
+    columns |= {n: columns[n] % turn for n, turn in turns.items()}  # what a motor does on each turn is seen there
     thin = max(1.0, SPAN_S / motions[0].dt)  # neighbours share a span: fewer are independent
     found = []
     for k, (label, unit, own) in enumerate(labels):
         old, new = ({n: _binned(c, lack[k], thin) for n, c in columns.items() if n in own} for lack in lacks)
-        found.append(Missing(label, unit, old, new, before.units))
+        found.append(Missing(label, unit, old, new, before.units, frozenset(turns)))
     return tuple(found)
 
 

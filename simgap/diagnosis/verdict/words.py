@@ -51,7 +51,8 @@ def _answer(document: Document) -> list[str]:
         return _unexplained(document)
     found = joined([describe(e) for e in effects])
     verb = "explains" if len(effects) == 1 else "together explain"
-    text = f"{_begun(found)} {verb} {explained(document)}."
+    named = f"Provisionally, {found}" if document.get("stopped") else _begun(found)
+    text = f"{named} {verb} {explained(document)}."
     doubts = [f"{_begun(_doubt(e))}." for e in effects if e.get("alternatives")]
     return [text, *doubts, _remainder(document) if verdict == "partial" else ""]
 

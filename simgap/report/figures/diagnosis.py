@@ -89,7 +89,7 @@ def missing_figure(m: Missing) -> Any:
             look = {"color": colour, "marker": marker, "ms": 5, "lw": 1.4, "elinewidth": 1.1, "capsize": 0}
             axis.errorbar(b.centre, b.mean, yerr=b.half, label=label, **look)
         axis.axhline(0.0, color="#55595F", lw=1.0)
-        axis.set_xlabel(axis_label(name, m.units))
+        axis.set_xlabel(axis_label(name, m.units) + (", within a turn" if name in m.folded else ""))
     what = m.label.replace(" at ", "\nat ")
     axes[0, 0].set_ylabel(f"missing {what}\n({pretty_unit(m.unit)})")
     style.legend(figure)

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from simgap.arrays import Floats
 from simgap.diagnosis.record.faults.base import Fault, Mended, SeenFault
-from simgap.diagnosis.record.record import Record, Trace
+from simgap.diagnosis.record.record import Record, Trace, exchanged
 from simgap.diagnosis.result import FoundEffect, RecordingFault
 from simgap.diagnosis.thresholds import MOST, WITHIN
 from simgap.model.symbolic import SymbolicModel
@@ -104,7 +104,9 @@ class SwappedColumns(SeenFault):
                 velocity_lag(record, *names) for names in ((c.position, c.velocity), (c.velocity, c.position))
             )
             if _derivative(other_way) and not _derivative(as_called):
-                record = _exchanged(record, record.measured.index(c.position), record.measured.index(c.velocity))
+                y, u = range(len(record.measured)), range(len(record.inputs))
+                order = exchanged(y, record.measured.index(c.position), record.measured.index(c.velocity))
+                record = record.with_columns(order, u, np.ones(len(y)), np.ones(len(u)))
                 faults.append(self.of(c.position, c.velocity))
         return record, tuple(faults)
 
@@ -192,14 +194,3 @@ class ConstantColumn(Fault):
 
 def _derivative(lag: VelocityLag | None) -> bool:
     return lag is not None and MOST <= lag.scale <= 1.0 / MOST and lag.mismatch <= MOST
-
-
-def _exchanged(record: Record, i: int, j: int) -> Record:
-    order = np.arange(len(record.measured))
-    order[[i, j]] = j, i
-
-    def turned(trace: Trace) -> Trace:
-        used = None if trace.used is None else trace.used[:, order]
-        return replace(trace, y=np.ascontiguousarray(trace.y[:, order]), used=used)
-
-    return replace(record, traces=tuple(turned(trace) for trace in record.traces))
