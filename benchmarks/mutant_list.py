@@ -393,7 +393,11 @@ MUTANTS: list[Mutant] = [
     *_of(
         "gap/lipschitz/grid.py",
         BOUNDS,
-        ("the change of slope is left out", "(first + turns(step, j, grid, axes)) / (2.0", "first / (2.0"),
+        (
+            "the change of slope is left out",
+            "(to_cells(step, j, grid) + turns(step, j, grid, axes)) / (2.0",
+            "to_cells(step, j, grid) / (2.0",
+        ),
         ("slopes look ahead alone", "return np.maximum(np.abs(forward), np.abs(backward))", "return np.abs(forward)"),
         (
             "the first end of a range decides its slopes",

@@ -36,9 +36,9 @@ class NoiseStatement:
         return (
             f"The simulator is random: at every state of X and input of U, a step lies within the bound with a "
             f"probability of at least {share(1.0 - self.alpha)}, with {share(self.confidence)} confidence at its "
-            f"samples ({self.draws:,} draws of the noise at each of {self.samples:,} samples; order statistics of all states "
-            "together). Between samples this takes the quantiles of the noise to move with the state no faster than "
-            "the extremes of these draws, by their Lipschitz constants. Noise is independent from step to step."
+            f"samples ({self.draws:,} draws of the noise at each of {self.samples:,} samples; order statistics of all "
+            "states together). Between samples this takes the quantiles of the noise to move with the state no faster "
+            "than the extremes of these draws, by their Lipschitz constants. Noise is independent from step to step."
         )
 
     def of_run(self, steps: int) -> str:
