@@ -386,7 +386,7 @@ def test_no_point_refutes_what_is_shown_of_a_cell():
     """Boxes of any size and place and inequalities, on a grid that may wrap around."""
     grids, regions = (importlib.import_module(name) for name in ("certificate", "regions"))
     shown = 0
-    for seed in range(60):
+    for seed in range(30):
         rng = np.random.default_rng([seed, 62])
         lo, width, cells = np.array([rng.choice([-3.0, 0.0]), -2.0]), rng.choice([2.0, 6.0], 2), rng.integers(3, 20, 2)
         wraps = bool(rng.integers(2))
@@ -410,4 +410,4 @@ def test_no_point_refutes_what_is_shown_of_a_cell():
                 assert true[inside].all()
                 assert not true[outside].any()
         shown += int(inside.sum() + outside.sum())
-    assert shown > 1000
+    assert shown > 500
