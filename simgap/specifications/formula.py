@@ -18,6 +18,7 @@ and beside safety without memory one more: persistence, F G of a region, by a co
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, reduce
@@ -137,9 +138,22 @@ def _conjuncts(formula: Formula) -> list[Formula]:
     return [formula]
 
 
+def _stronger(a: Formula, b: Formula) -> bool:
+    """True if a subformula implies another by itself: it is the same, but for a deadline that is no less strict."""
+    if a[:-1] != b[:-1] or a[0] not in ("U", "R"):
+        return a == b
+    sooner, later = (math.inf if part[3] is None else part[3] for part in ((a, b) if a[0] == "U" else (b, a)))
+    return bool(sooner <= later)
+
+
+def _entails(clause: frozenset[Formula], other: frozenset[Formula]) -> bool:
+    return other <= clause or all(any(_stronger(a, b) for a in clause) for b in other)
+
+
 def _least(clauses: Iterable[frozenset[Formula]]) -> Clauses:
-    found = set(clauses)
-    return frozenset(c for c in found if not any(other < c for other in found))
+    """The same without what follows: of each clause, and clauses that another one is left by."""
+    found = {frozenset(b for b in c if not any(a != b and _stronger(a, b) for a in c)) for c in clauses}
+    return frozenset(c for c in found if not any(other != c and _entails(c, other) for other in found))
 
 
 def _and(a: Clauses, b: Clauses) -> Clauses:
@@ -151,7 +165,7 @@ def _or(a: Clauses, b: Clauses) -> Clauses:
 
 
 def _implies(a: Clauses, b: Clauses) -> bool:
-    return all(any(other <= clause for other in b) for clause in a)
+    return all(any(_entails(clause, other) for other in b) for clause in a)
 
 
 def later(formula: Formula) -> Clauses:

@@ -156,3 +156,9 @@ def test_what_is_outside_the_fragment_or_no_formula_is_refused_in_one_line(formu
 def test_a_state_knows_the_region_that_it_waits_for(formula, awaits):
     words = automaton_of(parse(formula, int), exact_letters(sorted({*"abw"} & {*formula}))).awaits
     assert words in awaits
+
+
+@pytest.mark.parametrize(("formula", "states"), [("G (a -> F[<= 60] b)", 61), ("G (a -> G[<= 30] b)", 31)])
+def test_a_deadline_that_is_answered_again_and_again_needs_a_state_for_each_sample(formula, states):
+    """The stricter of two deadlines stands for both: without that there were as many states as sets of deadlines."""
+    assert len(automaton_of(parse(formula, int), exact_letters("ab")).step) == states
