@@ -58,7 +58,8 @@ def test_four_coupled_states_are_not_written_out(rod):
 
 
 def test_a_step_that_is_not_written_out_is_not_enclosed_beside_equations(rod, monkeypatch):
-    monkeypatch.setattr(samples, "closed_form", lambda case, folder: (sp.Integer(0),) * 4)
+    engine = SimpleNamespace(closed_form=lambda case, folder: (sp.Integer(0),) * 4)
+    monkeypatch.setattr(samples, "engine_of", lambda case, folder: engine)
     plant = SimpleNamespace(sampled=rod[1])
     context = SimpleNamespace(case=SimpleNamespace(simulator="equations"), folder=None, plant=plant)
     with pytest.raises(UserError, match="too long to be enclosed") as refused:
