@@ -18,6 +18,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
@@ -482,20 +483,20 @@ def _sort_out(
     return ~stuck & ~over
 
 
-def each_once(starts: Callable[[int], Floats]) -> Callable[[int], Floats]:
-    """The draws of `starts` that did not come before, one at a time.
+def each_once(starts: Callable[[int], Floats], part: int, parts: int) -> Callable[[int], Floats]:
+    """The draws of `starts` that did not come before, nor in another part of the attack: no two parts share a state.
 
     From the same start a random simulator draws the same noise again, and steps that are counted must be independent.
     """
     seen = set[bytes]()
 
-    def draw(count: int) -> Floats:
-        while (x := starts(1)).tobytes() in seen:
+    def new() -> Floats:
+        while (own := (x := starts(1)).tobytes()) in seen or crc32(own) % parts != part:
             pass
-        seen.add(x.tobytes())
+        seen.add(own)
         return x
 
-    return draw
+    return lambda count: np.concatenate([new() for _ in range(count)])
 
 
 def attack_loops(
@@ -506,8 +507,12 @@ def attack_loops(
     worst: WorstStarts,
     steps: int,
     rng: np.random.Generator,
+    part: tuple[int, int] = (0, 1),
 ) -> dict[str, Campaign]:
-    """Both campaigns, of `steps` each: in the simulator and against the worst disturbance."""
+    """Both campaigns, of `steps` each: in the simulator and against the worst disturbance.
+
+    `part` is the number of this part of the attack, and how many there are.
+    """
     case, space = context.case, Space.of(context.case)
     danger = worst.danger
     monitor = specification_of(case).monitor(space, solution)
@@ -537,6 +542,6 @@ def attack_loops(
     disturbed = Opponent(WorstDisturbance(model.step, bounds, danger, monitor, rng), judge, False, TOGETHER, holds)
     attack, starts = partial(campaign, law=law, budget=steps, rng=rng), partial(worst.draw, rng=rng)
     return {
-        "simulator": attack(simulated, scene=scene, starts=each_once(starts) if case.is_random else starts),
+        "simulator": attack(simulated, scene=scene, starts=each_once(starts, *part) if case.is_random else starts),
         "disturbance": attack(disturbed, scene=replace(scene, gap_share=None), starts=starts),
     }

@@ -211,7 +211,7 @@ def search_points(question: GapProblem, budget: int, rng: np.random.Generator, x
     known = min(len(x), max(most // 2, most - every))
     rows = np.sort(rng.choice(every, min(every, most - known), replace=False))
     seeds = np.concatenate([x[:known], places[rows // count]]), np.concatenate([m[:known], rows % count])
-    directed_search(score, StatesAndInputs(q.box, q.inputs, q.free), budget, rng, LINEAGES, seeds)
+    directed_search(score, StatesAndInputs(q.box, q.inputs, q.free), budget, rng, LINEAGES, seeds, most=0)
     return found
 
 

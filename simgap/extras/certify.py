@@ -234,10 +234,14 @@ def _watched(states: Sequence[str], task: Watched) -> dict[str, Any]:
     Raises:
         UserError: a deadline or an inequality that the form does not have.
     """
-    for unit in re.findall(r"\[\s*<=\s*[\d.]+ *([^\]]*?)\s*\]", task.formula):
-        if unit not in ("", "s", "ms", "min", "h"):
-            remedy = "Write it in s, ms, min or h."
-            raise UserError(f"a certificate has no deadline in '{unit}'", key=f"{KEY}.formula", remedy=remedy)
+    for bound in re.findall(r"\[\s*<=\s*([^\]]*?)\s*\]", task.formula):
+        if not re.fullmatch(r"(\d{1,9}(\.\d{0,9})?|\.\d{1,9})( +(s|ms|min|h))?", bound, re.ASCII):
+            remedy = "Write digits, at most nine of them, and s, ms, min or h."
+            raise UserError(f"a certificate has no deadline '{bound}'", key=f"{KEY}.formula", remedy=remedy)
+    odd = [name for name in task.regions if not name.isascii()]
+    if odd:
+        remedy = "Use the letters a to z."
+        raise UserError(f"a certificate has no region '{odd[0]}'", key=f"{KEY}.regions", remedy=remedy)
     parts = {}
     for name, region in task.regions.items():
         with placed(key=f"{KEY}.regions.{name}"):
@@ -381,10 +385,10 @@ def results_of(folder: Path) -> tuple[Path, Path, Path]:
     Raises:
         UserError: a folder without results, or whose case is not at its place.
     """
-    case = Path("configs/cases") / f"{folder.name}.yaml"
-    if not reading.is_file(case):
-        raise UserError("no case of that name in configs/cases", file=folder, remedy="Give the case file.")
-    return of_case(case, folder)
+    for case in (Path(f"{folder.name}.yaml"), Path("configs/cases") / f"{folder.name}.yaml"):
+        if reading.is_file(case):
+            return of_case(case, folder)
+    raise UserError("no case of that name here or in configs/cases", file=folder, remedy="Give the case file.")
 
 
 def of_case(case: Path, folder: Path | None = None) -> tuple[Path, Path, Path]:

@@ -43,6 +43,9 @@ def export_model(case: Path | str, out: Path | str) -> None:
         UserError: a plant of equations, an effect that the format cannot hold, or MuJoCo is not installed.
     """
     case, out = Path(case), Path(out)
+    if out.suffix in (".h", ".py"):
+        remedy = "Give its controller.npz for a controller, or a name that ends in .urdf or .xml for the model."
+        raise UserError("a case file is exported as a model, and not as a controller", key=str(out), remedy=remedy)
     section = load_case(case)
     if section.plant.urdf is None:
         raise UserError("the plant is written in equations", file=case, key="plant.urdf", remedy=REMEDY)

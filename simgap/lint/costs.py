@@ -219,14 +219,14 @@ def _control(context: Context, rollout: float, startup: float, pair: float) -> I
     if case.hidden_state is not None:
         rows *= math.prod(case.hidden_state.classes.values())  # nodes: a controller remembers the class
     states = specification_of(case).memory_states(Space.of(case))
-    rows *= states  # and what a task has come to, in two rounds or more
+    rows *= states  # and what a task has come to, each state several times
     packed = math.ceil(inputs / 8)
     a_cell = 9 + 8 * len(context.states) + (2 if case.synthesis.record == "one" else rows * packed)
     wheeled = case.plant.symbolic is not None and case.plant.symbolic.wheels is not None
     rate = ROW_PAIR if wheeled and not (case.sensing is not None and case.sensing.latency) else pair
     controllers = 2 if case.simulator is not None and (case.gap is not None or case.hidden_state is not None) else 1
     nodes = rows + (controllers - 1) * (1 if case.hidden_state is not None else rows)  # one knows no earlier input
-    seconds = controllers * startup + rate * cells * inputs * nodes * min(states, 2)
+    seconds = controllers * startup + rate * cells * inputs * nodes * min(states, 8)
     boxes = 8 * len(context.states) * cells * inputs
     kept = boxes if pair > PAIR and not _holds(case) and boxes <= 4 * MOST_KEPT else 0
     of = "pairs of cell and input" + " for each of two controllers" * (controllers > 1)

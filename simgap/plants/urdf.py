@@ -162,7 +162,7 @@ def mechanism(path: Path) -> dict[str, Any]:
     """What Drake reads of a file that `urdf_checks.check_urdf` has taken, as plain data.
 
     Every stage asks for it, and importing Drake and reading takes a quarter of a second of CPU: it is kept in the cache
-    folder, under a digest of the file and of Drake's version.
+    folder, under digests of the file and of this module, and Drake's version.
 
     Returns:
         `bodies`: each that moves, with its inertial parameters (`m`, `cx`, `Ixx`, ...; about the origin of its frame).
@@ -173,7 +173,8 @@ def mechanism(path: Path) -> dict[str, Any]:
     Raises:
         UserError: a file that Drake does not take, or a joint other than a hinge or a slide.
     """
-    question = f"1 {version('drake')} {hashlib.sha256(reading.read_bytes(path)).hexdigest()}"
+    own, read = (hashlib.sha256(reading.read_bytes(file)).hexdigest() for file in (Path(__file__), path))
+    question = f"{own} {version('drake')} {read}"
     known: dict[str, Any] | None = recall("urdf", question)
     if known is None:
         plant, names = multibody_plant(path, (0.0, 0.0, 0.0))

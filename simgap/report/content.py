@@ -432,8 +432,8 @@ def _arrival(m: Material) -> str:
     seen = f"its longest run here took {max(steps) * tau:g} s" if steps else ""
     if rounds:
         least, most = min(rounds), max(rounds)
-        each = f"{least:,} rounds each" if least == most else f"{least:,} to {most:,} rounds"
-        seen = f"its runs here completed {each}"
+        each = f"{least:,} times each" if least == most else f"{least:,} to {most:,} times"
+        seen = f"its runs here got on with it {each}"
     return (
         f"The gap-aware controller promises {specification_of(m.context.case).words.goal} within {promised * tau:g} s "
         f"from every winning state, whatever the gap does within gamma; {seen}."

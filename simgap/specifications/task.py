@@ -66,6 +66,8 @@ ROUNDED_ZERO = 1e-300
 """A sum of squares that may be 0 is enclosed from a little below it: by less than this."""
 LAST = 4
 """A run that is to stay somewhere in the end is there for its last quarter at least: judgement."""
+DRAWN = 200
+"""Points along each axis at which an inequality is drawn."""
 DONE, BROKEN, KEPT, LATE = "done", "broke the task", "kept the task", "no progress in time"
 
 
@@ -234,7 +236,27 @@ class Task(Arena):
                     box = projected(partial_box(part, space.states), arena, shown)
                     rectangle(axes, box, facecolor=face, edgecolor=edge, lw=1.0, alpha=0.5)
                     axes.text(box.lo[0], box.hi[1], f" {name}", ha="left", va="top", fontsize="small")
+                elif isinstance(part, str):
+                    self._draw_inequality(axes, space, name, part, shown, look)
         super().draw(axes, space, shown, look)
+
+    def _draw_inequality(
+        self, axes: Any, space: Space, name: str, text: str, shown: tuple[int, int], look: Look
+    ) -> None:
+        """The region of an inequality that is about the two shown states alone."""
+        arena, names = self.region(space), [space.states[j] for j in shown]
+        value = inequality(text, space, name)
+        if {s.name for s in value.free_symbols} <= {*names}:
+            ends = [np.linspace(arena.lo[j], arena.hi[j], DRAWN) for j in shown]
+            x, y = np.meshgrid(*ends)
+            field = sp.lambdify([sp.Symbol(n) for n in names], value, modules="numpy")
+            with np.errstate(invalid="ignore", divide="ignore"):
+                inside = np.asarray(np.broadcast_to(field(x, y), x.shape) <= 0.0)
+            face, _ = look.target
+            if inside.any():
+                axes.contourf(x, y, inside, levels=[0.5, 1.5], colors=[face], alpha=0.5)
+                k = int(np.argmax(np.where(inside, y, -np.inf)))
+                axes.text(x.flat[k], y.flat[k], f" {name}", ha="left", va="top", fontsize="small")
 
 
 @lru_cache(64)
@@ -249,11 +271,12 @@ def formula_of(text: str, tau: float, names: tuple[str, ...]) -> Formula:
         number, _, unit = bound.strip().partition(" ")
         try:
             count = math.floor(float(number) * (conversion(unit, "s").factor if unit else 1.0) / tau + 1e-9)
-            if count < 0:
+            if count < 0 or (count == 0 and float(number) > 0.0):
                 raise ValueError
             return count
         except (ValueError, OverflowError, UserError):
-            raise UserError(f"'{bound.strip()}' is no deadline", remedy="Write it like F[<= 40 s] a.") from None
+            remedy = f"Write it like F[<= 40 s] a; a sample takes {tau:g} s."
+            raise UserError(f"'{bound.strip()}' is no deadline", remedy=remedy) from None
 
     formula = parse(text, samples)
     unknown = sorted(regions(formula) - set(names))

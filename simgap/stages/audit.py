@@ -105,7 +105,8 @@ def attack(job: Job) -> tuple[SearchRecord, dict[str, Campaign]]:
             found = search_histories(problem, job.evaluations, rng, *job.known)
         else:
             found = search_points(GapProblem.of(context, simulator, gap), job.evaluations, rng, *job.known)
-        return found, attack_loops(context, simulator, gap, job.solution.read(), job.starts, job.steps, rng)
+        solution, part = job.solution.read(), (job.seed[1], PARTS)
+        return found, attack_loops(context, simulator, gap, solution, job.starts, job.steps, rng, part)
 
 
 TABLES = ".tables"  # folder beside the counts

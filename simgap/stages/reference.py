@@ -96,7 +96,7 @@ def _words(schema: Mapping[str, Any]) -> str:
     if "enum" in schema:
         return ", ".join(f"`{value}`" for value in schema["enum"])
     limits = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
-    said = " ".join(f"{sign} {schema[name]:g}" for name, sign in limits.items() if name in schema)
+    said = " ".join(f"{sign} {schema[name]:.10g}" for name, sign in limits.items() if name in schema)
     names = {"object": "section", "array": "list", "string": "text", "boolean": "true or false", "null": ""}
     kind = str(schema.get("type", ""))
     return f"{names.get(kind, kind)} {said}".strip()

@@ -27,8 +27,9 @@ def run(case: Path, at: Mapping[str, float], results: Path | None = None) -> tup
         UserError: a state that is not named, results that are not there.
     """
     context = Context.load(case)
-    if set(at) != set(context.states):
-        raise UserError(f"a state is {', '.join(context.states)}", key="--at", remedy="Name each of them once.")
+    if set(at) != set(context.states) or not np.isfinite([*at.values()]).all():
+        remedy = "Give each of them a number, once."
+        raise UserError(f"a state is {', '.join(context.states)}", key="--at", remedy=remedy)
     folder = results if results is not None else Path("results") / context.case.name
     with context.blame():
         bound = folder / "gap" / own_point(context.case) / "gap.json"

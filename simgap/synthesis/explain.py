@@ -25,7 +25,7 @@ from simgap.model.sampled import NominalModel
 from simgap.notation import joined
 from simgap.synthesis.abstraction.post import Kernel, no_gap
 from simgap.synthesis.controller import Controller
-from simgap.synthesis.margins import BESIDE, CELLS, GAMMA, INPUTS, NOTHING, Margins
+from simgap.synthesis.margins import AROUND, ASKED, BESIDE, CELLS, GAMMA, NOTHING, Margins
 from simgap.synthesis.synthesise import SynthesisProblem
 
 SAMPLED = 2_000
@@ -297,12 +297,14 @@ def _table(rows: Sequence[Sequence[str]]) -> list[str]:
     ]
 
 
-_FORBIDDEN = "The specification or its clearance forbids this cell: the answer is the same for every controller."
+_FORBIDDEN = "The specification, its clearance or a wall of X forbids this cell, whatever the controller."
 _CAUSE = {
-    NOTHING: "What is asked for breaks in this cell itself.",
+    NOTHING: "Nothing is known of this cell.",
+    ASKED: "What is asked for breaks in this cell itself, at the start of a run.",
     GAMMA: "Gamma costs it: at {factor:.3g} times its width an input would lead from this cell into cells that win.",
     CELLS: "The cells are too large: without gamma, an input would lead into cells that win from its centre alone.",
-    INPUTS: "The inputs do not reach: without gamma, none leads into cells that win, not even from its centre.",
+    AROUND: "The cells that it leads to lose: without gamma, no input leads into cells that win, nor from its centre. "
+    "Stronger inputs help where it is too far, finer cells or a narrower gamma where those cells can be won.",
     BESIDE: "Its successors do not cost it, but the path between samples, or what a measurement leaves open.",
 }
 

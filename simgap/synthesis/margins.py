@@ -21,8 +21,8 @@ be measured in, with m admitted at y:
 
 A cell that loses has a factor below 1: the largest s for which the box of some input of U covers winning cells only.
 Where there is none, not even at s = 0, gamma is not what loses the cell: the cell is too large if the box of its centre
-alone would fit at s = 0, and the inputs do not reach if that does not fit either. Where the box fits at s = 1, the cell
-is lost to what is asked beside it: the path between samples, or what a measurement leaves open.
+alone would fit at s = 0; if that does not fit either, the cells that it leads to are lost. Where the box fits at s = 1,
+the cell is lost to what is asked beside it: the path between samples, or what a measurement leaves open.
 
 It is a statement about one cell and one step: gamma has grown at this cell alone and the winning domain is the old one.
 Where gamma grows everywhere, cells may be lost sooner, since those that they rely on are lost first. What the path
@@ -326,10 +326,11 @@ def searcher(image_of_box: Kernel, gap: Kernel) -> Any:
     return search
 
 
-NOTHING, GAMMA, CELLS, INPUTS, BESIDE = range(5)
-CAUSES = ("nothing", "gamma", "cells", "inputs", "path or measurement")
-"""What a cell loses by: nothing, for one that wins, is forbidden or is not looked at; gamma, at its factor; the size of
-the cells; the inputs; what is asked beside one step from a cell."""
+NOTHING, GAMMA, CELLS, AROUND, BESIDE, ASKED = range(6)
+CAUSES = ("nothing", "gamma", "cells", "the cells around it", "path or measurement", "the specification")
+"""What a cell is lost to: nothing, for one that wins, is forbidden or is not looked at; gamma, at its factor; the size
+of the cells; the loss of cells that it leads to; what is asked beside one step from a cell; what a run must not begin
+with."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -435,7 +436,7 @@ def one_step_margins(
         every = _measured(grid, to_bytes(every_input(count)[None], count), count, (0,) * n)
         narrower, _ = found(losing, every, 0.0, True)
         centres, _ = found(losing & np.isnan(narrower), every, 0.0, False)
-        loses_by[losing] = INPUTS
+        loses_by[losing] = AROUND
         loses_by[centres >= 0.0] = CELLS
         loses_by[narrower >= 0.0] = GAMMA
         loses_by[narrower >= 1.0] = BESIDE
@@ -524,7 +525,9 @@ def _of_measured_cells(
     where = ["where the previous input is of the class of a robot at rest"] if solution.kind is not None else []
     where += [_first(context, late)] if late is not None else []
     where += ["where the task begins"] if solution.progress is not None else []
-    return replace(reduce(Margins.joined, parts), only=", ".join([" and ".join(where), *only] if where else only))
+    found = reduce(Margins.joined, parts)
+    found.loses_by[solution.free & ~begins & looked_at] = ASKED
+    return replace(found, only=", ".join([" and ".join(where), *only] if where else only))
 
 
 def _of_true_cells(context: Context, gap: GapFunction, solution: Solution, error: Floats) -> Margins | str:

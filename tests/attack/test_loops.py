@@ -83,8 +83,8 @@ def test_no_start_comes_twice_where_it_would_draw_the_same_noise_again():
     worst = WorstStarts(Solution(Grid(Box([0], [1]), [40]), inside, inside[:, None].astype(np.uint8), inside))
     rng = np.random.default_rng(4)
     assert len(np.unique(worst.draw(300, rng), axis=0)) < 200
-    draw = each_once(lambda n: worst.draw(n, rng))
-    assert len(np.unique([draw(1) for _ in range(300)], axis=0)) == 300
+    parts = [each_once(lambda n: worst.draw(n, rng), part, 2) for part in range(2)]
+    assert len(np.unique(np.concatenate([draw(150) for draw in parts]), axis=0)) == 300
 
 
 def test_a_sound_controller_survives(problem):

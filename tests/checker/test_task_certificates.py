@@ -345,7 +345,9 @@ def test_random_tasks_of_simgap_are_accepted(tmp_path, capsys):
 
 def test_deadlines_and_inequalities_that_have_no_form_are_refused_in_one_line(tmp_path):
     for asked, problem in (
-        ({"formula": "F[<= 4000000 us] right"}, "no deadline in 'us'"),
+        ({"formula": "F[<= 4000000 us] right"}, "no deadline '4000000 us'"),
+        ({"formula": "F[<= 0.12345678901 min] right"}, "no deadline '0.12345678901 min'"),
+        ({"formula": "F küche", "regions": {"küche": {"x": [0, 1]}}}, "no region 'küche'"),
         ({"formula": "G F left", "regions": {"left": "sqrt(x) <= 1"}}, "no form for"),
     ):
         with pytest.raises(UserError, match=problem) as caught:

@@ -183,7 +183,7 @@ def test_maps_of_margins_show_the_layers_that_have_some_and_say_where_a_bar_ends
     assert titles == [f"theta = {-3.0 + (k + 0.5) / 8:.2f} rad" for k in (0, 16, 32)]
     names = [label.get_text() for label in figure.axes[-1].get_yticklabels()]
     assert not any("\u2265" in name for name in names)
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["lost to inputs"]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["lost to the cells around it"]
     factor[0, 0, 0] = LARGEST_FACTOR
     figure = margin_slices_figure(grid, factor.reshape(-1), 0 * lost, ("x", "y", "theta"), {})
     names = [label.get_text() for label in figure.axes[-1].get_yticklabels()]

@@ -235,7 +235,7 @@ def test_the_adversary_stands_beside_the_random_samples(pendulum, tmp_path):
         "gap": {"violations": 0, "evaluations_by_search": {"climbing": 5678}, "largest_share": -0.25,
                 "worst": {"x1": -0.2, "x2": 0.5}},
         "closed_loop": {"simulator": loop, "disturbance": loop | {"steps": 4321}},
-        "margins": {"cells": 150, "lose_by": {"gamma": 7, "inputs": 1}, "factor": quantiles, "largest_looked_for": 1e6,
+        "margins": {"cells": 150, "lose_by": {"gamma": 7, "cells": 1}, "factor": quantiles, "largest_looked_for": 1e6,
                     "extra": {"x1": quantiles, "x2": quantiles}},
         "provenance": example.record(folder, "audit"),
     }  # fmt: skip
@@ -258,7 +258,7 @@ def test_the_adversary_stands_beside_the_random_samples(pendulum, tmp_path):
         "Adversary: 0 violations in 5,678 single steps that attack the bound and 5,555 closed-loop steps" in shown.text
     )
     assert "An adversary found no violation in 11,233 attempts." in shown.text
-    assert "7 are lost to gamma, 1 is lost to inputs." in shown.text
+    assert "7 are lost to gamma, 1 is lost to cells." in shown.text
     assert (
         "The worst step found (at x1 = -0.2 rad, x2 = 0.5 rad/s) lies inside the bound by 25 % of its width."
         in shown.text

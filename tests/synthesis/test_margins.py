@@ -14,10 +14,11 @@ from simgap.synthesis.abstraction.nominal import nominal_abstraction
 from simgap.synthesis.games.invariance import invariance
 from simgap.synthesis.games.reach import reach_avoid
 from simgap.synthesis.margins import (
+    AROUND,
+    ASKED,
     BESIDE,
     CELLS,
     GAMMA,
-    INPUTS,
     LARGEST_FACTOR,
     NOTHING,
     Remembered,
@@ -159,7 +160,7 @@ def test_margins_after_an_input_of_a_class_are_those_of_the_definition():
 def test_what_losing_cells_lose_by_is_that_of_the_definition():
     """Random sets, gaps with a middle that is not 0: how narrow gamma would have to be, and what else is at fault."""
     model, _ = plants.pendulum()
-    inputs, seen = np.linspace(-1.0, 1.0, 5)[:, None], dict.fromkeys((GAMMA, CELLS, INPUTS, BESIDE), 0)
+    inputs, seen = np.linspace(-1.0, 1.0, 5)[:, None], dict.fromkeys((GAMMA, CELLS, AROUND, BESIDE), 0)
     for seed in range(60):
         rng = np.random.default_rng([seed, 11])
         periodic = ((), (1,))[seed % 2]
@@ -247,5 +248,6 @@ def test_margins_of_a_task_are_those_of_the_states_that_follow_its_letters(vary,
             assert within(*about, every, cell, factor * (1 - 1e-6), kind=zeros)
             assert not within(*about, every, cell, min(1.0, factor * (1 + 4.5e-3) + 1e-6), 1e-9, zeros)
     letters = problem.specification.fit(problem.space, grid, np.zeros(2))
-    assert np.array_equal(found.loses_by != NOTHING, letters & ~nodes[:, solution.first])
+    assert np.array_equal(found.loses_by != NOTHING, ~nodes[:, solution.first])
+    assert np.array_equal(found.loses_by == ASKED, ~letters)
     assert letters.all() == formula.startswith("G F")

@@ -60,7 +60,7 @@ def test_a_state_that_loses_by_the_gap_alone_says_so_and_counts_its_inputs(made)
 def test_a_state_that_no_controller_holds_is_not_blamed_on_the_gap(made):
     x = np.array([0.2 - 1e-4, 0.5 - 1e-4])
     assert not made[3].contains(x)[0]
-    assert "The inputs do not reach" in why(*made[:3], x)[-1]
+    assert "The cells that it leads to lose" in why(*made[:3], x)[-1]
 
 
 def test_a_state_next_to_those_that_win_can_be_won_with_a_narrower_gamma(made):

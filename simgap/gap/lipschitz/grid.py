@@ -196,7 +196,18 @@ def worse(a: GridLipschitz, b: GridLipschitz) -> GridLipschitz:
     """Number by number the larger of two estimates: what holds for both; the places of both their rough cells."""
     constants, ratio = (np.maximum(getattr(a, name), getattr(b, name)) for name in ("constants", "ratio"))
     share, top = max(a.rough_share, b.rough_share), a if a.jump >= b.jump else b
-    return GridLipschitz(constants, ratio, share, top.jump, top.at, (*a.layers, *b.layers))
+    return GridLipschitz(constants, ratio, share, top.jump, top.at, _united((*a.layers, *b.layers)))
+
+
+def _united(layers: Sequence[Layer]) -> tuple[Layer, ...]:
+    """The same, those that overlap along an axis as one."""
+    found: list[Layer] = []
+    for own in sorted(layers, key=lambda layer: (layer.axis, layer.lo)):
+        if found and found[-1].axis == own.axis and own.lo < found[-1].hi:
+            last = found.pop()
+            own = Layer(own.axis, last.lo, max(last.hi, own.hi), max(last.rough, own.rough))
+        found.append(own)
+    return tuple(found)
 
 
 @dataclass(frozen=True)

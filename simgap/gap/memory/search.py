@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -102,9 +102,9 @@ def _other(value: int, count: int, rng: np.random.Generator) -> int:
 
 def directed_search(
     objective: Objective, space: SearchSpace, budget: int, rng: np.random.Generator, lineages: int = 16,
-    seeds: Points | None = None,
+    seeds: Points | None = None, most: int | None = None,
 ) -> Tried:  # fmt: skip
-    """Search with `budget` evaluations, a quarter of them on the random draw: -> all points, the worst first.
+    """Search with `budget` evaluations, a quarter of them on the random draw: -> its points, the worst first.
 
     Args:
         objective: see `Objective`; called with one point per lineage at a time.
@@ -113,6 +113,7 @@ def directed_search(
         rng: of draws and moves.
         lineages: how many points are followed side by side.
         seeds: points to begin with, before random ones.
+        most: points that are kept and returned, all when None: then memory grows with the budget.
     """
     points = space.draw(max(min(budget, lineages), budget // 4), rng)
     if seeds is not None:
@@ -130,8 +131,14 @@ def directed_search(
         better = (now.scores > here.scores) | anew
         here = Tried(_chosen(better, now.points, here.points), np.where(better, now.scores, here.scores))
         idle = np.where(better, 0, idle + 1)
+        if most is not None:
+            tried = [_joined(tried).worst(most)]
+    return _joined(tried).worst(most)
+
+
+def _joined(tried: Sequence[Tried]) -> Tried:
     every = (np.concatenate(parts) for parts in zip(*(own.points for own in tried), strict=True))
-    return Tried(tuple(every), np.concatenate([own.scores for own in tried])).worst()
+    return Tried(tuple(every), np.concatenate([own.scores for own in tried]))
 
 
 def _chosen(rows: Bools, these: Points, those: Points) -> Points:

@@ -14,7 +14,7 @@ from simgap.io.figure_style import COLOURS
 from simgap.io.traces import GAP_AWARE, NOMINAL, SIMULATOR, TITLES, Trace
 from simgap.notation import axis_label, number, pretty_unit
 from simgap.synthesis.controller import Controller
-from simgap.synthesis.margins import BESIDE, CAUSES, CELLS, GAMMA, INPUTS, LARGEST_FACTOR, NOTHING, shown_layers
+from simgap.synthesis.margins import AROUND, ASKED, BESIDE, CAUSES, CELLS, GAMMA, LARGEST_FACTOR, NOTHING, shown_layers
 
 
 def cell_map(axis: Any, grid: Grid, values: Any, aspect: str = "auto", **look: Any) -> Any:
@@ -126,7 +126,7 @@ def domain_slices_figure(controller: Controller, units: Mapping[str, str], goal:
 
 MAP = "cividis"  # one hue after another in order of lightness, alike to all kinds of colour vision
 FACTOR = "gamma may grow by a factor of"
-LOST = {GAMMA: "#F3B49F", CELLS: "#E3CDE0", INPUTS: "#E4E6EA", BESIDE: "#BFE3D4"}
+LOST = {GAMMA: "#F3B49F", CELLS: "#E3CDE0", AROUND: "#E4E6EA", BESIDE: "#BFE3D4", ASKED: "#C9CCD3"}
 """Colours of what cells are lost to, pale beside those of margins."""
 REACHED = 1e-5  # a margin this near to the largest that is looked for is that one: margins are rounded down
 
@@ -177,7 +177,7 @@ def _causes(axes: Sequence[Any], maps: Sequence[Any], grid: Grid, figure: Any) -
     colours = ListedColormap(list(LOST.values()))
     for axis, values in zip(axes, maps, strict=True):
         shown = np.ma.masked_equal(values, NOTHING)
-        cell_map(axis, grid, shown, axis.get_aspect(), cmap=colours, vmin=GAMMA - 0.5, vmax=BESIDE + 0.5)
+        cell_map(axis, grid, shown, axis.get_aspect(), cmap=colours, vmin=GAMMA - 0.5, vmax=ASKED + 0.5)
         for cause in np.unique(shown.compressed()):
             axis.fill([], [], color=LOST[cause], label=f"lost to {CAUSES[cause]}")  # a map has no place in a legend
     style.legend(figure)
