@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.diagnosis.record.faults.noise import PlantChanged
+from simgap.diagnosis.record.faults.registry import PlantChanged
 from simgap.diagnosis.record.record import MIN_SAMPLES, Record
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, FoundEffect, RecordingFault
 from simgap.diagnosis.search.confidence import chi2_dof

@@ -8,8 +8,8 @@ from pathlib import Path
 from simgap import reading
 from simgap.config.measured import MeasuredSection, named_recordings
 from simgap.diagnosis.record.channels import Channel, measured_columns
-from simgap.diagnosis.record.clock import same_file
 from simgap.diagnosis.record.conditions import conditioned, refuse_undefined
+from simgap.diagnosis.record.traces import same_file
 from simgap.effects import EFFECTS
 from simgap.errors import Finding, UserError, nearest, placed
 from simgap.io.recordings.measured import channels_of, condition_channels

@@ -19,11 +19,10 @@ from simgap.correction.remainder import bound_remainder, use_of
 from simgap.diagnosis.arms.diagnose import diagnose_arm
 from simgap.diagnosis.arms.problem import TERMS, Payload
 from simgap.diagnosis.diagnose import diagnose_mended
-from simgap.diagnosis.record.clock import same_file
 from simgap.diagnosis.record.conditions import conditioned, under_conditions
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.record.survey import Survey, survey
-from simgap.diagnosis.record.traces import Reading
+from simgap.diagnosis.record.traces import Reading, same_file
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
 from simgap.diagnosis.search.watch import answered
 from simgap.diagnosis.verdict.missing import Missing, missing_terms

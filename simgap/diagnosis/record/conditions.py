@@ -13,9 +13,8 @@ import numpy as np
 
 from simgap.config.measured import Condition
 from simgap.diagnosis.record.channels import Channel, RawTable, convert
-from simgap.diagnosis.record.clock import same_file
 from simgap.diagnosis.record.record import Record
-from simgap.diagnosis.record.traces import Reading, by_label
+from simgap.diagnosis.record.traces import Reading, by_label, same_file
 from simgap.errors import UserError
 from simgap.model.symbolic import SymbolicModel, Variable
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from simgap.diagnosis.record.faults.measurement import FilteredVelocity
-from simgap.diagnosis.record.faults.noise import ColouredNoise, Push
+from simgap.diagnosis.record.faults.registry import ColouredNoise, Push
 from simgap.diagnosis.record.folds import Span
 from simgap.diagnosis.result import RecordingFault
 from simgap.diagnosis.search.explanations import Explanation, Search

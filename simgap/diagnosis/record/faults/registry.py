@@ -1,4 +1,7 @@
-"""Every fault of a recording, by name; what the data alone show in the order in which it is mended."""
+"""Every fault of a recording, by name; what the data alone show in the order in which it is mended.
+
+Noise that remembers, and what happens outside the plant and its sensors, is found by the search.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +11,72 @@ from dataclasses import replace
 from simgap.diagnosis.record.faults.base import Fault, Mended, SeenFault
 from simgap.diagnosis.record.faults.columns import ConstantColumn, SwappedColumns, WrongSign, WrongUnit
 from simgap.diagnosis.record.faults.hum import Hum
-from simgap.diagnosis.record.faults.measurement import FITTED
-from simgap.diagnosis.record.faults.noise import ColouredNoise, FaintMemory, PlantChanged, Push
+from simgap.diagnosis.record.faults.measurement import FITTED, Drift
 from simgap.diagnosis.record.faults.readings import MissingRows, Overflow, SaturatedReading, Spikes, Stale, bridged
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import FoundEffect, RecordingFault
 from simgap.model.symbolic import SymbolicModel
+
+
+class ColouredNoise(Fault):
+    """Noise is correlated in time.
+
+    Detected: after the search, see "Coloured noise" below.
+    """
+
+    name = "coloured_noise"
+    unit = "s"
+    remedy = "Look for a filter, a slow sensor or an interpolation in the path of {}; log its raw readings."
+
+    def of(self, laws: Iterable[tuple[str, float, float]], window_s: float) -> list[RecordingFault]:
+        """Findings of channels, each with the share of its variance that remembers, over how long (s).
+
+        What is slower than a window is a zero that wanders.
+        """
+        found = []
+        for name, share, tau in laws:
+            what = f"{100 * share:.0f} % of the noise of {name} (its variance)"
+            if share > 0.0 and tau > window_s:
+                sentence = f"{what} wanders: a reading that drifts, slower than a window of {window_s:.2g} s."
+                remedy = "Warm the sensor up, or zero it at a stop between runs."
+                found.append(Drift().told(name, tau, sentence, remedy, unit="s"))
+            elif share > 0.0:
+                sentence = f"{what} is correlated over {1e3 * tau:.3g} ms"
+                found.append(self.told(name, tau, f"{sentence}; intervals and criteria count what is independent."))
+        return found
+
+
+class FaintMemory(Fault):
+    """Less than half of a channel's noise is correlated.
+
+    Detected: effects are then at most `partial`: backlash on a soft spring leaves such a trace.
+    """
+
+    name = "faint_memory"
+
+
+class Push(Fault):
+    """Something acted on the plant for a moment.
+
+    Detected: gross errors follow one another, and no effect explains them; excluded from the fit, see
+    [disturbances](../explanation/diagnosis.md#disturbances).
+    """
+
+    name = "push"
+    unit = "s"
+    remedy = "Drop what was disturbed (measured.masks), or repeat the run with nothing touching the plant."
+
+
+class PlantChanged(Fault):
+    """A parameter changed during the recording.
+
+    Detected: after the search, see "Coloured noise" below.
+    """
+
+    name = "plant_changed"
+    unit = "s"
+    remedy = "Diagnose the times before and after apart (measured.masks), or say what differs (measured.conditions)."
+
 
 READINGS: tuple[SeenFault, ...] = (MissingRows(), Overflow(), SaturatedReading(), Stale(), Spikes())
 """What is no measurement of anything; the order is that of mending, as what repeats looks as a spike does."""
