@@ -29,7 +29,7 @@ from simgap.diagnosis.result import Diagnosis, DiagnosisSettings  # noqa: E402
 from simgap.diagnosis.simulation.initial import initial_states  # noqa: E402
 from simgap.diagnosis.simulation.parts import parts_of  # noqa: E402
 from simgap.diagnosis.simulation.problem import Problem  # noqa: E402
-from simgap.diagnosis.verdict.judge import judge  # noqa: E402
+from simgap.diagnosis.verdict.held_out import judge  # noqa: E402
 from simgap.model.symbolic import SymbolicModel  # noqa: E402
 from tests.diagnosis.plants import block, point_pendulum  # noqa: E402
 from tests.undeclared.rig import dry_friction as rig  # noqa: E402

@@ -18,9 +18,8 @@ from simgap.diagnosis.seek import Searched, looked_again
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.thresholds import FIT_QUALITY
-from simgap.diagnosis.verdict.judge import real
 from simgap.diagnosis.verdict.score import gained
-from simgap.diagnosis.verdict.transfer import Carried, transferable, trials
+from simgap.diagnosis.verdict.sets import Carried, real, transferable, trials
 
 
 @dataclass(frozen=True, eq=False)

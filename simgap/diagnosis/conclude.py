@@ -5,53 +5,52 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from simgap.diagnosis.choosing import Chosen
-from simgap.diagnosis.confirming import confirmed
 from simgap.diagnosis.record.faults.measurement import is_fault
 from simgap.diagnosis.record.faults.registry import fitted_faults, gain_faults
 from simgap.diagnosis.record.folds import Span, stretches
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import (
     Alternative,
+    Concentrated,
     Diagnosis,
     DiagnosisSettings,
     FoldStretches,
     FoundEffect,
     Judged,
     Key,
-    LeftOver,
     Nearest,
-    Option,
     RecordingFault,
-    Step,
     Verdict,
 )
-from simgap.diagnosis.search.confidence import chi2_dof
+from simgap.diagnosis.search.confidence import chi2_dof, independent_share
 from simgap.diagnosis.search.equivalence import EXACTLY_COLLINEAR, Rival, as_good, collinear_pairs, once, rivals
-from simgap.diagnosis.search.explanations import Explanation, Search, doubted
+from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.simulation.gross_errors import LIMIT
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.simulation.sensitivity import with_values
-from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, FIT_QUALITY, MATTERS, NARROW
-from simgap.diagnosis.verdict import answer
-from simgap.diagnosis.verdict.extrapolation import extrapolated
-from simgap.diagnosis.verdict.faults import faint_memory, noise_faults, push_faults
-from simgap.diagnosis.verdict.judge import (
-    Evidence,
-    HeldOut,
-    ahead_alone,
-    excess_share,
-    judged,
-    slight,
-    verdict,
+from simgap.diagnosis.thresholds import FIT_QUALITY, LEAPS_ANYHOW, MATTERS
+from simgap.diagnosis.verdict.answer import (
+    alternatives,
+    applied,
+    candidate_scores,
+    collinear_table,
+    doubts,
+    found_effects,
+    in_order,
+    predictions,
+    second_look,
+    steps,
+    with_restatements,
 )
-from simgap.effects import EFFECTS, AppliedEffect
-from simgap.effects.sensors import LINEAR, is_linear
+from simgap.diagnosis.verdict.faults import extrapolated, faint_memory, noise_faults, push_faults
+from simgap.diagnosis.verdict.held_out import HeldOut, concentrated, excess_share, judge, judged
+from simgap.diagnosis.verdict.score import Errors, Gain, gained
+from simgap.diagnosis.verdict.sets import folds_agree, slight
 from simgap.model.symbolic import SymbolicModel
-from simgap.notation import joined
 
 
 def conclude(
@@ -77,8 +76,8 @@ def conclude(
     plain = replace(known, usual=None)
     declared = fit(plain, base.theta, base.x0, [], {})
     findings = _findings(model, record, known, chosen, kept, grade.others)
-    windows = answer.predictions(known, names, (base, base.x0), (kept.fit, kept.fit.x0), False)
-    windows += answer.predictions(confirm, names, (base, old.states), (kept.fit, held.states), True)
+    windows = predictions(known, names, (base, base.x0), (kept.fit, kept.fit.x0), False)
+    windows += predictions(confirm, names, (base, old.states), (kept.fit, held.states), True)
     return Diagnosis(
         verdict=word,
         effects=findings.effects,
@@ -89,8 +88,8 @@ def conclude(
         excess_share=judgement.evidence.share if named else 1.0,
         explained_error=judgement.evidence.gain.share if named and not chosen.at_floor else None,
         sigma=dict(zip(record.measured, map(float, confirm.sigma), strict=True)),
-        candidates=answer.candidate_scores(search, empty, chosen.barred),
-        collinear=answer.collinear_table(collinear_pairs(search, empty), EXACTLY_COLLINEAR),
+        candidates=candidate_scores(search, empty, chosen.barred),
+        collinear=collinear_table(collinear_pairs(search, empty), EXACTLY_COLLINEAR),
         folds=FoldStretches(*(stretches(p.windows, confirm.t, names) for p in (parts.fit, parts.choose, confirm))),
         warnings=(*said, *findings.slight, *_warnings(held, kept, horizon), *grade.beside),
         doubts=grade.doubts,
@@ -98,7 +97,7 @@ def conclude(
         unconfirmed=grade.further,
         faint_memory=grade.faint,
         at_most=_limit_reached(settings, chosen),
-        applied=answer.applied(kept),
+        applied=applied(kept),
         windows=tuple(windows),
         nearest=short,
         left_over=left,
@@ -128,12 +127,12 @@ class _Findings:
 def _findings(
     model: SymbolicModel, record: Record, known: Problem, chosen: Chosen, kept: Explanation, others: Sequence[Rival]
 ) -> _Findings:
-    every = answer.found_effects(chosen.full, kept, others, chi2_dof(known, kept.fit), chosen.at_floor, model)
+    every = found_effects(chosen.full, kept, others, chi2_dof(known, kept.fit), chosen.at_floor, model)
     small = slight(chosen.full, kept, chosen.base)
     faults = (*fitted_faults([e for e in every if (e.name, e.on) not in small]), *gain_faults(every))
     plant = [e for e in every if not is_fault(e.name)]
-    listed = answer.alternatives(chosen.found, others)
-    effects, listed = with_restatements(plant, listed, model, answer.applied(kept), record.measured)
+    listed = alternatives(chosen.found, others)
+    effects, listed = with_restatements(plant, listed, model, applied(kept), record.measured)
     return _Findings(effects, listed, faults, _of_no_size(every, small))
 
 
@@ -210,84 +209,6 @@ def _warnings(held: HeldOut, kept: Explanation, horizon_s: float) -> tuple[str, 
     return tuple(said)
 
 
-def steps(search: Search, empty: Explanation, answer: Explanation) -> tuple[Step, ...]:
-    """The effects of the answer in the order in which each takes away most, and a last step that takes none.
-
-    The search itself adds, drops and swaps, so its own order need not lead to its answer; the sets in between that it
-    never fitted are fitted here, unless it was stopped. The other options of a step are those that it fitted there.
-    """
-    here, left, out = empty, list(answer.members), []
-    while True:
-        own = {c.key: e for c in left if (e := _with(search, here, c, answer)) is not None}
-        best = min(own, key=lambda key: own[key].fit.chi2, default=None)
-        tried = _tried(search, here) | own
-        if tried and (best is not None or not left):
-            out.append(Step(chi2_dof(search.problem, here.fit), _options(search, here, tried, best)))
-        if best is None:
-            return tuple(out)
-        here, left = own[best], [c for c in left if c.key != best]
-
-
-def in_order(found: Explanation, path: Sequence[Step]) -> Explanation:
-    """The same with its effects in the order of the steps, by whatever way the search came to them."""
-    taken = [(o.name, o.on) for step in path for o in step.options if o.taken]
-    place = {key: k for k, key in enumerate(taken)}
-    return replace(found, members=tuple(sorted(found.members, key=lambda c: place.get(c.key, len(taken)))))
-
-
-def _with(search: Search, here: Explanation, member: Candidate, answer: Explanation) -> Explanation | None:
-    """A step with this member of the answer, from the answer's numbers; None if the search was stopped before it."""
-    members = (*here.members, member)
-    keys = here.keys | {member.key}
-    fitted = [e for e in search.tried.values() if e.keys == keys]
-    if fitted:
-        return min(fitted, key=lambda e: e.fit.chi2)
-    if search.watch.stopped:
-        return None
-    outside = [k for c in answer.members if c.key not in keys for k in c.slots]
-    theta = with_values(answer.fit.theta, {k: float(search.problem.model.null[k]) for k in outside})
-    return search.explain(members, theta, answer.fit)
-
-
-def _tried(search: Search, here: Explanation) -> dict[Key, Explanation]:
-    """What was fitted with one effect more, physical fits alone, the best fit of each."""
-    more = sorted(search.sound(len(here.members) + 1), key=lambda e: -e.fit.chi2)
-    return {next(iter(e.keys - here.keys)): e for e in more if here.keys < e.keys}
-
-
-def _options(
-    search: Search, here: Explanation, tried: dict[Key, Explanation], best: Key | None
-) -> tuple[Option, ...]:  # fmt: skip
-    ordered: Sequence[Key] = sorted(tried, key=lambda key: (key != best, tried[key].fit.chi2))
-    return tuple(
-        Option(*key, chi2_dof(search.problem, tried[key].fit), here.bic - tried[key].bic, key == best)
-        for key in ordered
-    )
-
-
-def second_look(
-    search: Search, found: Explanation, confirm: Problem, left: HeldOut, horizon_s: float, model: SymbolicModel
-) -> tuple[LeftOver, ...] | None:
-    """Effects beside the chosen ones that lower what is left by `MATTERS` at least, the largest share first.
-
-    They are fitted to what the search knows; what they would take away is judged on *confirm*, which chooses none of
-    them: they are told of and not named, as the limit on the number of effects or the data spoke against them. None if
-    the fitted data are down to their noise.
-    """
-    if chi2_dof(search.problem, found.fit) <= FIT_QUALITY:
-        return None
-    said = []
-    for e in search.joined(found, most=NARROW):
-        (added,) = (c.key for c in e.members if c.key not in found.keys)
-        if is_fault(added[0]):
-            continue
-        share = 1.0 - excess_share(left, ahead_alone(confirm, e.fit.theta, horizon_s, left), confirm.sigma)
-        if share >= MATTERS:
-            told = answer.found_effects(search, e, (), chi2_dof(search.problem, e.fit), False, model)
-            said += [LeftOver(f, share) for f in told if (f.name, f.on) == added]
-    return tuple(sorted(said, key=lambda s: -s.share))
-
-
 def nearest(
     full: Search, found: Explanation, evidence: Evidence, at_floor: bool, model: SymbolicModel
 ) -> Nearest | None:
@@ -310,105 +231,152 @@ def nearest(
         (not found.fit.converged, "the fit had not converged"),
         (all(c.of_recording for c in found.members), "it is a fault of the recording, and more than noise is left"),
     )
-    effects = answer.found_effects(full, found, (), evidence.after, at_floor, model)
+    effects = found_effects(full, found, (), evidence.after, at_floor, model)
     return Nearest(effects, share, tuple(reason for holds, reason in reasons if holds))
 
 
-def restatements(model: SymbolicModel, found: Sequence[AppliedEffect], measured: Sequence[str]) -> list[Alternative]:
-    """Sets in which one effect of the library stands for some of those found, exactly."""
-    out = []
-    for e in EFFECTS.values():
-        for on in e.targets(model):
-            same = e.restates(model, on, found, measured)
-            if same is not None:
-                kept = tuple(a for k, a in enumerate(found) if k not in same[0])
-                whole = (*kept, AppliedEffect(e.name, on, same[1]))
-                out.append(Alternative(whole, 0.0, True))
-    return out + _by_the_sensors(model, found, measured)
+@dataclass(frozen=True, eq=False)
+class Confirmed:
+    """What *confirm* says.
 
-
-def _by_the_sensors(model: SymbolicModel, found: Sequence[AppliedEffect], measured: Sequence[str]) -> list[Alternative]:
-    """Readings that are all as late as the only input was found to act; or a sensor that is as slow, of a linear plant.
-
-    Whether a command or a reading is under way for so long, no record of these channels tells; in a closed loop both
-    act alike.
+    Attributes:
+        chosen: the set, without what halves of the other folds disagree on if that is needed and enough.
+        old, new: errors of the model as declared and with the set; where: the places that carry most of the second.
+        evidence: what the verdict is made of.
     """
-    if len(model.inputs) != 1:
-        return []
-    out = []
-    for a in found:
-        kept = tuple(b for b in found if b is not a)
-        late: tuple[AppliedEffect, ...] = ()
-        if a.name == "input_delay" and not any(b.name == "late_reading" for b in kept):
-            late = tuple(AppliedEffect("late_reading", on, {"late": a.values["delay"]}) for on in measured)
-        elif a.name == "input_lag" and len(measured) == 1 and {b.name for b in kept} <= LINEAR and is_linear(model):
-            late = (AppliedEffect("filtered_reading", measured[0], {"lag": a.values["T"]}),)
-        if late:
-            out.append(Alternative((*kept, *late), 0.0, True))
-    return out
+
+    chosen: Chosen
+    old: HeldOut
+    new: HeldOut
+    where: Concentrated | None
+    evidence: Evidence
 
 
-def with_restatements(
-    effects: Sequence[FoundEffect], alternatives: Sequence[Alternative], model: SymbolicModel,
-    found: Sequence[AppliedEffect], measured: Sequence[str],
-) -> tuple[tuple[FoundEffect, ...], tuple[Alternative, ...]]:  # fmt: skip
-    """The effects and the alternatives with what restates them or an equal of theirs, the smallest of nested ones."""
-
-    def keys(whole: Sequence[AppliedEffect]) -> frozenset[Key]:
-        return frozenset((a.name, a.on) for a in whole)
-
-    listed, changed = list(alternatives), list(effects)
-    known = {keys(found), *(keys(other.effects) for other in alternatives)}
-    exact = [other.effects for other in alternatives if other.exact]
-    equals = (found, *(own for own in exact if not any(is_fault(a.name) for a in own)))
-    for other in sorted((o for e in equals for o in restatements(model, e, measured)), key=lambda o: len(o.effects)):
-        mine = keys(other.effects)
-        if not any(whole <= mine for whole in known):
-            known.add(mine)
-            listed.append(other)
-            new = tuple((a.name, a.on) for a in other.effects if (a.name, a.on) not in keys(found))
-            changed = [
-                e if (e.name, e.on) in mine else replace(e, alternatives=(*e.alternatives, new)) for e in changed
-            ]
-    return tuple(changed), tuple(listed)
+def confirmed(parts: Parts, chosen: Chosen, names: Sequence[str], horizon_s: float) -> Confirmed:
+    """Judge a set on *confirm*; a smaller one where that leaves doubt and halves disagree on a part of it."""
+    old = judge(parts.confirm, chosen.base.theta, horizon_s)
+    found = _judged(parts, chosen, names, old, horizon_s)
+    if not chosen.at_floor or found.evidence.agree:
+        return found
+    less: Explanation | None = _steadier(parts.known, chosen.full, chosen.kept)
+    return found if less is None else _judged(parts, chosen.less(less), names, old, horizon_s)
 
 
-def doubts(others: Sequence[Rival], found: Explanation, problem: Problem, kept: Explanation) -> tuple[str, ...]:
-    """What is to be said, the strongest reason alone; empty if there is none.
+def _judged(parts: Parts, chosen: Chosen, names: Sequence[str], old: HeldOut, horizon_s: float) -> Confirmed:
+    new = judge(parts.confirm, chosen.kept.fit.theta, horizon_s)
+    where = concentrated(parts.confirm, names, old, new)
+    return Confirmed(chosen, old, new, where, _evidence(parts, chosen, old, new))
 
-    Args:
-        others, found: what explains the data as well, and the answer, as the search compared them.
-        problem, kept: everything that was fitted in the end, and the answer fitted to it.
+
+def _evidence(parts: Parts, chosen: Chosen, old: HeldOut, new: HeldOut) -> Evidence:
+    known, confirm = parts.known, parts.confirm
+    found, full, agree = chosen.kept, chosen.full, chosen.agree
+    share = excess_share(old, new, known.sigma)
+    wanted = bool(found.members) and needed(full, found, confirm, new)
+    sure = wanted and new.at_noise
+    if found.members and chosen.search.watch.stopped:  # nothing compared the halves yet
+        agree = folds_agree(known, found, full.steps, independent_share(known, found.fit))
+    elif chosen.at_floor and (len(found.members) > LEAPS_ANYHOW or (found.members and not sure)):
+        agree = folds_agree(known, found, full.steps, 1.0)
+    before, after = (chi2_dof(known, at) for at in (chosen.base, found.fit))
+    here, carried = (old.errors.density(), new.errors.density()), chosen.carried
+    chose = (np.zeros(0), np.zeros(0)) if carried is None else (carried.declared, carried.predicted)
+    whole = gained(*(np.concatenate(each) for each in zip(chose, here, strict=True)))
+    return Evidence(before, after, old, new, share, whole, is_borne_out(old.errors, new.errors), agree, wanted)
+
+
+def is_borne_out(declared: Errors, corrected: Errors) -> bool:
+    """Whether errors on *confirm* by itself get smaller by a size that matters, and in no channel larger by as much."""
+    gains = (corrected.by_channel() - declared.by_channel()).mean(axis=0)
+    whole, *losses = (Gain(float(nats), 0.0) for nats in (gains.mean(), *-gains))
+    return whole.matters and not any(loss.matters for loss in losses)
+
+
+def _steadier(known: Problem, search: Search, found: Explanation) -> Explanation | None:
+    """The best smaller set that still reaches the noise and on which halves agree; None if there is none.
+
+    An effect that BIC adds for a small misfit (a drift of a position, where dry friction creeps before it slides) must
+    not take a right and steady one with it. One effect goes at a time, the one that BIC misses least.
     """
-    return better(others, found) or contested(others, found) or doubted(problem, kept)
+    while len(found.members) > 1:
+        smaller = [search.without(found, c) for c in found.members]
+        near = sorted((e for e in smaller if e.physical and chi2_dof(known, e.fit) <= FIT_QUALITY), key=lambda e: e.bic)
+        for e in near:
+            if folds_agree(known, e, search.steps, 1.0):
+                return e
+        if not near:
+            return None
+        found = near[0]
+    return None
 
 
-def better(others: Sequence[Rival], found: Explanation) -> tuple[str, ...]:
-    """What is to be said of a listed set that fits clearly better than the answer."""
-    best = min((r.explanation for r in others), key=lambda e: e.bic, default=found)
-    if found.bic - best.bic < BIC_GAIN:
-        return ()
-    named = joined([c.effect.phrase(c.on) for c in best.members])
-    return (
-        f"Among the alternatives {named} fits better (BIC lower by {found.bic - best.bic:.0f}), but not on the data "
-        "that choose, or it was found after the choice.",
-    )
+def needed(full: Search, found: Explanation, confirm: Problem, with_all: HeldOut) -> bool:
+    """Whether leaving out any of the effects, the others fitted again to the known data, is worse on *confirm*."""
+    if len(found.members) == 1:
+        kept = [full.problem.model.null]
+    else:
+        kept = [full.without(found, c).fit.theta for c in found.members]
+    return all(judge(confirm, theta, 0.0).chi2 > with_all.chi2 for theta in kept)
 
 
-def contested(others: Sequence[Rival], found: Explanation) -> tuple[str, ...]:
-    """What is to be said of a listed set that fits as well and is not the same thing: neither is sure.
+@dataclass(frozen=True)
+class Evidence:
+    """What a verdict is made of.
 
-    A fault of the readings in the place of an effect is told beside it and does not contest it.
+    Attributes:
+        before, after: chi^2/dof of the fitted windows, of the declared and of the corrected model.
+        declared, corrected: error on *confirm*; share: excess of the one over the other there.
+        gain: what the corrected model predicts better, there and where sets competed.
+        borne_out: whether that is of a size that matters there by itself, and no channel is predicted worse by as much.
+        agree: whether the coefficients agree between halves of the fitted data.
+        needed: whether *confirm* asks for each effect.
     """
-    close = [
-        r.explanation for r in others
-        if not r.exact and r.explanation.bic <= found.bic + AS_GOOD
-        and not any(c.of_recording for c in r.explanation.members if c.key not in found.keys)
-    ]  # fmt: skip
-    if not close:
-        return ()
-    best = min(close, key=lambda e: e.bic)
-    named = joined([c.effect.phrase(c.on) for c in best.members])
-    return (
-        f"Among the alternatives {named} fits as well (BIC {best.bic - found.bic:+.1f}): these data do not decide.",
-    )
+
+    before: float
+    after: float
+    declared: HeldOut
+    corrected: HeldOut
+    share: float
+    gain: Gain
+    borne_out: bool
+    agree: bool
+    needed: bool
+
+    @property
+    def at_noise(self) -> bool:
+        """Whether the fitted data and those that confirm are down to their noise."""
+        return self.after <= FIT_QUALITY and self.corrected.at_noise
+
+    def short_of(self, found: Explanation) -> tuple[str, ...]:
+        """Why what is down to the noise is not surely it."""
+        reasons = (
+            (found.fit.converged, "The last fit had not converged."),
+            (self.needed, "The data that confirm do not ask for each of these effects."),
+            (self.agree, "Halves of the data give different numbers."),
+        )
+        return tuple(reason for holds, reason in reasons if not holds)
+
+    @property
+    def carries(self) -> bool:
+        """Whether it surely predicts better what it was not fitted to."""
+        return self.gain.sure and self.borne_out
+
+
+def verdict(found: Explanation, evidence: Evidence) -> Verdict:
+    """The table of verdicts; a fit that has not settled is never more than `partial`.
+
+    More than `LEAPS_ANYHOW` effects bend to much: halves of the data must agree on them. Where faults of the recording
+    alone explain the data down to their noise, the model lacks nothing; nor where it is at the noise as declared, and
+    *confirm* does not ask for what was found.
+    """
+    if not found.members:
+        return "none" if evidence.before <= FIT_QUALITY and evidence.declared.at_noise else "unexplained"
+    if evidence.before <= FIT_QUALITY and evidence.declared.at_noise and not evidence.needed:
+        return "none"
+    plant = any(not c.of_recording for c in found.members)
+    sure = evidence.agree or len(found.members) <= LEAPS_ANYHOW
+    if evidence.at_noise and found.fit.converged and evidence.needed and sure:
+        return "attributed" if plant else "none"
+    if not plant:
+        return "unexplained"
+    return "partial" if evidence.carries and found.physical and evidence.agree else "unexplained"

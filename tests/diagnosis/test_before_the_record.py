@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from simgap.diagnosis.conclude import Evidence, verdict
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.record.folds import past_the_unknown, split_windows
 from simgap.diagnosis.record.record import Record, Trace
@@ -16,7 +17,7 @@ from simgap.diagnosis.search.explanations import Explanation
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import build_problem
 from simgap.diagnosis.simulation.supermodel import cached_supermodel
-from simgap.diagnosis.verdict.judge import Evidence, HeldOut, verdict
+from simgap.diagnosis.verdict.held_out import HeldOut
 from simgap.diagnosis.verdict.score import Errors, Gain
 from simgap.effects import EFFECTS
 from simgap.effects.base import Quoted

@@ -7,11 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from simgap.diagnosis.confirming import concentrated
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
-from simgap.diagnosis.verdict.horizon import HorizonError
+from simgap.diagnosis.verdict.held_out import HorizonError, concentrated
 from simgap.diagnosis.verdict.words import verdict_parts
 from tests.diagnosis.plants import block
 

@@ -15,7 +15,7 @@ from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem, build_problem
 from simgap.diagnosis.simulation.supermodel import cached_supermodel
-from simgap.diagnosis.verdict.judge import judge
+from simgap.diagnosis.verdict.held_out import judge
 from tests.diagnosis.plants import block, with_effect
 from tests.undeclared.rig import dry_friction as rig
 

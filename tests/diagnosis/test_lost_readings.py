@@ -19,7 +19,7 @@ from simgap.diagnosis.seek import begun, no_louder_than_misses
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import build_problem
 from simgap.diagnosis.simulation.supermodel import cached_supermodel
-from simgap.diagnosis.verdict.horizon import horizon_error
+from simgap.diagnosis.verdict.held_out import horizon_error
 from tests.diagnosis import rigs
 from tests.diagnosis.plants import block
 

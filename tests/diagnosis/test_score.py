@@ -9,9 +9,9 @@ import pytest
 from scipy.stats import t as student
 
 from simgap.diagnosis.choosing import Chosen
-from simgap.diagnosis.confirming import is_borne_out
+from simgap.diagnosis.conclude import is_borne_out
 from simgap.diagnosis.verdict.score import Errors, gained
-from simgap.diagnosis.verdict.transfer import Carried, density_of_choice, preferred_of
+from simgap.diagnosis.verdict.sets import Carried, density_of_choice, preferred_of
 
 
 def _errors(rng: np.random.Generator, scale: float, pushes: np.ndarray, blocks: int = 40, each: int = 25) -> Errors:

@@ -7,13 +7,13 @@ import itertools
 import numpy as np
 import pytest
 
-from simgap.diagnosis.conclude import steps
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.search.watch import Watch
 from simgap.diagnosis.seek import begun
 from simgap.diagnosis.simulation.parts import parts_of
 from simgap.diagnosis.simulation.sensitivity import with_values
+from simgap.diagnosis.verdict.answer import steps
 from tests.diagnosis.plants import block
 from tests.diagnosis.test_watch import EFFECTS, _record, stop_at
 

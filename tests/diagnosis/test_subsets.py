@@ -8,11 +8,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from simgap.diagnosis.conclude import better
 from simgap.diagnosis.search.equivalence import Rival
 from simgap.diagnosis.search.leaps import best_subsets
 from simgap.diagnosis.search.scoring import Screen
 from simgap.diagnosis.simulation.supermodel import Candidate
+from simgap.diagnosis.verdict.answer import better
 
 
 def _screen(columns: np.ndarray, residual: np.ndarray, own: int) -> Screen:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from simgap.diagnosis.search.confidence import undetermined
-from simgap.diagnosis.verdict import judge
-from simgap.diagnosis.verdict.judge import _variances
+from simgap.diagnosis.verdict import sets
+from simgap.diagnosis.verdict.sets import _variances
 from simgap.effects.base import Scales
 from simgap.effects.forces import Cogging
 from simgap.effects.friction import CoulombFriction, DahlFriction, StribeckFriction
@@ -58,9 +58,9 @@ def test_a_finer_effect_of_a_loose_number_goes_only_where_the_coarser_one_is_as_
     plain = SimpleNamespace(effect=CoulombFriction(), slots=(3,))
     found = SimpleNamespace(members=(fine,), bic=100.0)
     coarse = SimpleNamespace(members=(plain,), bic=100.0 + worse_by)
-    monkeypatch.setattr(judge, "vanished", lambda *_: [])
-    monkeypatch.setattr(judge, "_loose", lambda search, e, at_floor: [c for c in e.members if c is fine])
-    kept = judge.real(SimpleNamespace(coarser=lambda e, c: coarse), found, False)
+    monkeypatch.setattr(sets, "vanished", lambda *_: [])
+    monkeypatch.setattr(sets, "_loose", lambda search, e, at_floor: [c for c in e.members if c is fine])
+    kept = sets.real(SimpleNamespace(coarser=lambda e, c: coarse), found, False)
     assert [c.effect.name for c in kept.members] == [left]
 
 

@@ -16,7 +16,7 @@ from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import parts_of
 from simgap.diagnosis.simulation.sensitivity import choose_steps, with_values
-from simgap.diagnosis.verdict.judge import judge
+from simgap.diagnosis.verdict.held_out import judge
 from simgap.errors import UserError
 from simgap.io.recordings.measured import load_reading
 from simgap.plants.context import Context

@@ -147,7 +147,7 @@ def cut_at(windows: Windows, t: Floats, spans: tuple[Span, ...]) -> Windows:
     return Windows.of(rows)
 
 
-def joined(windows: Windows) -> Windows:
+def merged(windows: Windows) -> Windows:
     """Neighbouring windows of a trace as one."""
     a, b = windows.start, windows.stop
     begins = np.ones(len(a), dtype=bool)
@@ -158,7 +158,7 @@ def joined(windows: Windows) -> Windows:
 
 def stretches(windows: Windows, t: Floats, names: list[str]) -> tuple[tuple[str, float, float], ...]:
     """(trace, from, to) in s, neighbouring windows of a trace joined; t: (n,) s, names: of the traces."""
-    return tuple((names[k], float(t[a]), float(t[b - 1])) for a, b, _, k in joined(windows))
+    return tuple((names[k], float(t[a]), float(t[b - 1])) for a, b, _, k in merged(windows))
 
 
 @dataclass(frozen=True, eq=False)

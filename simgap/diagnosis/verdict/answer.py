@@ -5,19 +5,36 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from simgap.diagnosis.record.faults.measurement import effect_or_fault, is_fault
-from simgap.diagnosis.result import Alternative, CandidateScore, Collinear, Estimate, FoundEffect, Key, WindowPrediction
+from simgap.diagnosis.result import (
+    Alternative,
+    CandidateScore,
+    Collinear,
+    Estimate,
+    FoundEffect,
+    Key,
+    LeftOver,
+    Option,
+    Step,
+    WindowPrediction,
+)
 from simgap.diagnosis.search.confidence import chi2_dof, degrees_of_freedom, interval, standard_errors
 from simgap.diagnosis.search.equivalence import Rival
-from simgap.diagnosis.search.explanations import Explanation, Search, sound
+from simgap.diagnosis.search.explanations import Explanation, Search, doubted, sound
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import Problem
+from simgap.diagnosis.simulation.sensitivity import with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.effects import AppliedEffect
+from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, FIT_QUALITY, MATTERS, NARROW
+from simgap.diagnosis.verdict.held_out import HeldOut, ahead_alone, excess_share
+from simgap.effects import EFFECTS, AppliedEffect
+from simgap.effects.sensors import LINEAR, is_linear
 from simgap.model.symbolic import SymbolicModel
+from simgap.notation import joined
 
 _ANY_EXCITATION = "a different excitation: other frequencies, amplitudes and positions"
 _MOST_WINDOWS, _MOST_SAMPLES = 100, 20_000
@@ -135,3 +152,181 @@ def predictions(
         own = (problem.t[s], problem.y[s], old[a:b], new[a:b], states[a:b], problem.u[s])
         out.append(WindowPrediction(name, held_out, *own, problem.used[s]))
     return out
+
+
+def steps(search: Search, empty: Explanation, answer: Explanation) -> tuple[Step, ...]:
+    """The effects of the answer in the order in which each takes away most, and a last step that takes none.
+
+    The search itself adds, drops and swaps, so its own order need not lead to its answer; the sets in between that it
+    never fitted are fitted here, unless it was stopped. The other options of a step are those that it fitted there.
+    """
+    here, left, out = empty, list(answer.members), []
+    while True:
+        own = {c.key: e for c in left if (e := _with(search, here, c, answer)) is not None}
+        best = min(own, key=lambda key: own[key].fit.chi2, default=None)
+        tried = _tried(search, here) | own
+        if tried and (best is not None or not left):
+            out.append(Step(chi2_dof(search.problem, here.fit), _options(search, here, tried, best)))
+        if best is None:
+            return tuple(out)
+        here, left = own[best], [c for c in left if c.key != best]
+
+
+def in_order(found: Explanation, path: Sequence[Step]) -> Explanation:
+    """The same with its effects in the order of the steps, by whatever way the search came to them."""
+    taken = [(o.name, o.on) for step in path for o in step.options if o.taken]
+    place = {key: k for k, key in enumerate(taken)}
+    return replace(found, members=tuple(sorted(found.members, key=lambda c: place.get(c.key, len(taken)))))
+
+
+def _with(search: Search, here: Explanation, member: Candidate, answer: Explanation) -> Explanation | None:
+    """A step with this member of the answer, from the answer's numbers; None if the search was stopped before it."""
+    members = (*here.members, member)
+    keys = here.keys | {member.key}
+    fitted = [e for e in search.tried.values() if e.keys == keys]
+    if fitted:
+        return min(fitted, key=lambda e: e.fit.chi2)
+    if search.watch.stopped:
+        return None
+    outside = [k for c in answer.members if c.key not in keys for k in c.slots]
+    theta = with_values(answer.fit.theta, {k: float(search.problem.model.null[k]) for k in outside})
+    return search.explain(members, theta, answer.fit)
+
+
+def _tried(search: Search, here: Explanation) -> dict[Key, Explanation]:
+    """What was fitted with one effect more, physical fits alone, the best fit of each."""
+    more = sorted(search.sound(len(here.members) + 1), key=lambda e: -e.fit.chi2)
+    return {next(iter(e.keys - here.keys)): e for e in more if here.keys < e.keys}
+
+
+def _options(
+    search: Search, here: Explanation, tried: dict[Key, Explanation], best: Key | None
+) -> tuple[Option, ...]:  # fmt: skip
+    ordered: Sequence[Key] = sorted(tried, key=lambda key: (key != best, tried[key].fit.chi2))
+    return tuple(
+        Option(*key, chi2_dof(search.problem, tried[key].fit), here.bic - tried[key].bic, key == best)
+        for key in ordered
+    )
+
+
+def second_look(
+    search: Search, found: Explanation, confirm: Problem, left: HeldOut, horizon_s: float, model: SymbolicModel
+) -> tuple[LeftOver, ...] | None:
+    """Effects beside the chosen ones that lower what is left by `MATTERS` at least, the largest share first.
+
+    They are fitted to what the search knows; what they would take away is judged on *confirm*, which chooses none of
+    them: they are told of and not named, as the limit on the number of effects or the data spoke against them. None if
+    the fitted data are down to their noise.
+    """
+    if chi2_dof(search.problem, found.fit) <= FIT_QUALITY:
+        return None
+    said = []
+    for e in search.joined(found, most=NARROW):
+        (added,) = (c.key for c in e.members if c.key not in found.keys)
+        if is_fault(added[0]):
+            continue
+        share = 1.0 - excess_share(left, ahead_alone(confirm, e.fit.theta, horizon_s, left), confirm.sigma)
+        if share >= MATTERS:
+            told = found_effects(search, e, (), chi2_dof(search.problem, e.fit), False, model)
+            said += [LeftOver(f, share) for f in told if (f.name, f.on) == added]
+    return tuple(sorted(said, key=lambda s: -s.share))
+
+
+def restatements(model: SymbolicModel, found: Sequence[AppliedEffect], measured: Sequence[str]) -> list[Alternative]:
+    """Sets in which one effect of the library stands for some of those found, exactly."""
+    out = []
+    for e in EFFECTS.values():
+        for on in e.targets(model):
+            same = e.restates(model, on, found, measured)
+            if same is not None:
+                kept = tuple(a for k, a in enumerate(found) if k not in same[0])
+                whole = (*kept, AppliedEffect(e.name, on, same[1]))
+                out.append(Alternative(whole, 0.0, True))
+    return out + _by_the_sensors(model, found, measured)
+
+
+def _by_the_sensors(model: SymbolicModel, found: Sequence[AppliedEffect], measured: Sequence[str]) -> list[Alternative]:
+    """Readings that are all as late as the only input was found to act; or a sensor that is as slow, of a linear plant.
+
+    Whether a command or a reading is under way for so long, no record of these channels tells; in a closed loop both
+    act alike.
+    """
+    if len(model.inputs) != 1:
+        return []
+    out = []
+    for a in found:
+        kept = tuple(b for b in found if b is not a)
+        late: tuple[AppliedEffect, ...] = ()
+        if a.name == "input_delay" and not any(b.name == "late_reading" for b in kept):
+            late = tuple(AppliedEffect("late_reading", on, {"late": a.values["delay"]}) for on in measured)
+        elif a.name == "input_lag" and len(measured) == 1 and {b.name for b in kept} <= LINEAR and is_linear(model):
+            late = (AppliedEffect("filtered_reading", measured[0], {"lag": a.values["T"]}),)
+        if late:
+            out.append(Alternative((*kept, *late), 0.0, True))
+    return out
+
+
+def with_restatements(
+    effects: Sequence[FoundEffect], alternatives: Sequence[Alternative], model: SymbolicModel,
+    found: Sequence[AppliedEffect], measured: Sequence[str],
+) -> tuple[tuple[FoundEffect, ...], tuple[Alternative, ...]]:  # fmt: skip
+    """The effects and the alternatives with what restates them or an equal of theirs, the smallest of nested ones."""
+
+    def keys(whole: Sequence[AppliedEffect]) -> frozenset[Key]:
+        return frozenset((a.name, a.on) for a in whole)
+
+    listed, changed = list(alternatives), list(effects)
+    known = {keys(found), *(keys(other.effects) for other in alternatives)}
+    exact = [other.effects for other in alternatives if other.exact]
+    equals = (found, *(own for own in exact if not any(is_fault(a.name) for a in own)))
+    for other in sorted((o for e in equals for o in restatements(model, e, measured)), key=lambda o: len(o.effects)):
+        mine = keys(other.effects)
+        if not any(whole <= mine for whole in known):
+            known.add(mine)
+            listed.append(other)
+            new = tuple((a.name, a.on) for a in other.effects if (a.name, a.on) not in keys(found))
+            changed = [
+                e if (e.name, e.on) in mine else replace(e, alternatives=(*e.alternatives, new)) for e in changed
+            ]
+    return tuple(changed), tuple(listed)
+
+
+def doubts(others: Sequence[Rival], found: Explanation, problem: Problem, kept: Explanation) -> tuple[str, ...]:
+    """What is to be said, the strongest reason alone; empty if there is none.
+
+    Args:
+        others, found: what explains the data as well, and the answer, as the search compared them.
+        problem, kept: everything that was fitted in the end, and the answer fitted to it.
+    """
+    return better(others, found) or contested(others, found) or doubted(problem, kept)
+
+
+def better(others: Sequence[Rival], found: Explanation) -> tuple[str, ...]:
+    """What is to be said of a listed set that fits clearly better than the answer."""
+    best = min((r.explanation for r in others), key=lambda e: e.bic, default=found)
+    if found.bic - best.bic < BIC_GAIN:
+        return ()
+    named = joined([c.effect.phrase(c.on) for c in best.members])
+    return (
+        f"Among the alternatives {named} fits better (BIC lower by {found.bic - best.bic:.0f}), but not on the data "
+        "that choose, or it was found after the choice.",
+    )
+
+
+def contested(others: Sequence[Rival], found: Explanation) -> tuple[str, ...]:
+    """What is to be said of a listed set that fits as well and is not the same thing: neither is sure.
+
+    A fault of the readings in the place of an effect is told beside it and does not contest it.
+    """
+    close = [
+        r.explanation for r in others
+        if not r.exact and r.explanation.bic <= found.bic + AS_GOOD
+        and not any(c.of_recording for c in r.explanation.members if c.key not in found.keys)
+    ]  # fmt: skip
+    if not close:
+        return ()
+    best = min(close, key=lambda e: e.bic)
+    named = joined([c.effect.phrase(c.on) for c in best.members])
+    return (
+        f"Among the alternatives {named} fits as well (BIC {best.bic - found.bic:+.1f}): these data do not decide.",
+    )

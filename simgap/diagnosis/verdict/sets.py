@@ -1,4 +1,4 @@
-"""Choice among explanations when none reaches the noise floor: the one that predicts best what it was not fitted to.
+"""Sets of effects before they are confirmed: whose members are real, whose halves agree, which one carries over.
 
 Real plants keep something that no effect explains. Its residual is large and smooth, so that samples are not
 independent and BIC at the noise level would add effects without end. BIC is therefore taken at the size of that
@@ -18,15 +18,121 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.diagnosis.record.folds import Windows
-from simgap.diagnosis.search.confidence import chi2_dof, independent_share
+from simgap.diagnosis.result import Key
+from simgap.diagnosis.search.confidence import (
+    chi2_dof,
+    degrees_of_freedom,
+    independent_share,
+    standard_errors,
+    undetermined,
+    vanishing,
+)
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.leaps import fit_larger
 from simgap.diagnosis.simulation.coarse import JUDGED_ROWS, coarse
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.thresholds import BIC_GAIN, MATTERS, MOST, PLAUSIBLE_RATIO, WIDTH
-from simgap.diagnosis.verdict.judge import errors_ahead, folds_agree, vanished
+from simgap.diagnosis.simulation.supermodel import Candidate
+from simgap.diagnosis.thresholds import BIC_GAIN, MATTERS, MOST, PLAUSIBLE_RATIO, SURE, WIDTH
+from simgap.diagnosis.verdict.held_out import errors_ahead
 from simgap.diagnosis.verdict.score import Errors, Gain, gained
+
+_RANK = 1e-8  # of the largest eigenvalue, and of a unit vector: what is less is not there
+
+
+def real(search: Search, found: Explanation, at_floor: bool) -> Explanation:
+    """Without the effects whose interval contains "no effect", or of no practical size, and with what they contain in
+    the place of those that refine it by a number the data do not give, where that is as good; one after another, the
+    rest fitted again."""
+    while found.members:
+        gone, loose = (asked(search, found, at_floor) for asked in (vanished, _loose))
+        gone = gone or (negligible(search, found) if at_floor else [])
+        if gone:
+            found = search.without(found, gone[0])
+            continue
+        plainer = [search.coarser(found, c) for c in loose]
+        as_good = [e for e in plainer if e.bic - found.bic < BIC_GAIN]
+        if not as_good:
+            break
+        found = as_good[0]
+    return found
+
+
+def vanished(search: Search, found: Explanation, at_floor: bool) -> list[Candidate]:
+    """Its effects whose 95 % interval contains "no effect"."""
+    if not found.members:
+        return []
+    return vanishing(search.problem, found.members, found.fit, *_errors(search, found, at_floor))
+
+
+def _loose(search: Search, found: Explanation, at_floor: bool) -> list[Candidate]:
+    return undetermined(found.members, found.fit, *_errors(search, found, at_floor))
+
+
+def _errors(search: Search, found: Explanation, at_floor: bool) -> tuple[Floats, int]:
+    """Standard errors (p,) of what was fitted, and the degrees of freedom of its intervals."""
+    reduced = chi2_dof(search.problem, found.fit)
+    errors = standard_errors(search.problem, found.fit, search.steps, reduced, at_floor)
+    return errors, degrees_of_freedom(search.problem, found.fit, at_floor)
+
+
+def negligible(search: Search, found: Explanation) -> list[Candidate]:
+    """Members without which, the others fitted again, the predictions miss by next to nothing of the noise more.
+
+    Nothing more is fitted where a search was stopped.
+    """
+    if search.watch.stopped:
+        return []
+    bar = MATTERS**2 * search.problem.size
+    return [c for c in found.members if search.without(found, c).fit.chi2 - found.fit.chi2 < bar]
+
+
+def slight(search: Search, found: Explanation, base: Fit) -> frozenset[Key]:
+    """Faults of the recording that account for next to nothing of what the declared model misses.
+
+    They stay fitted, as the noise is smaller still.
+    """
+    least = MATTERS**2 * (base.chi2 - found.fit.chi2)
+    faults = [c for c in found.members if c.of_recording]
+    return frozenset(c.key for c in faults if search.without(found, c).fit.chi2 - found.fit.chi2 < least)
+
+
+def folds_agree(problem: Problem, found: Explanation, steps: dict[int, float], samples: float) -> bool:
+    """Whether two halves of the fitted windows give the same coefficients, within their size or two standard errors.
+
+    What a half does not show at all agrees. `samples` is how many samples one independent sample is worth: the standard
+    errors grow with its root.
+    """
+    w = problem.windows
+    traces = np.unique(w.trace)
+    half = np.isin(w.trace, traces[: len(traces) // 2]) if len(traces) > 1 else np.arange(len(w)) < len(w) // 2
+    if half.all() or not half.any():
+        return False
+    ends = []
+    for side in (half, ~half):
+        part = problem.on(w.pick(side))
+        ends.append((part, fit(part, found.fit.theta, found.fit.x0[side], found.fit.slots, steps)))
+    null, slots = problem.model.null, list(found.fit.slots)
+    a, b = (e.theta[slots] - np.where(np.isfinite(null[slots]), null[slots], 0.0) for _, e in ends)
+    variances = [_variances(e.covariance) * max(chi2_dof(part, e), 1.0) for part, e in ends]
+    spread = np.sqrt(sum(variances) * samples)
+    size = np.maximum(np.abs(a), np.abs(b))
+    for c in found.members:
+        if c.effect.one_curve:  # some of its values are near 0 where others are not
+            own = np.isin(slots, c.slots)
+            size[own] = size[own].max(initial=0.0)
+    near = np.abs(a - b) <= np.maximum(MOST * size, SURE * spread)
+    return bool(np.all(near))
+
+
+def _variances(covariance: Floats) -> Floats:
+    """Of coefficients by a pseudo-inverse (p, p), (p,); infinite for those that have a part in what was not seen."""
+    own = np.maximum(np.diag(covariance), 0.0)
+    size = np.sqrt(np.where(own > 0.0, own, 1.0))
+    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
+    hidden = values <= _RANK * np.abs(values).max(initial=0.0)
+    return np.where(np.sum(vectors[:, hidden] ** 2, axis=1) > _RANK, np.inf, own)
+
 
 _PARTS = 10  # the choice is repeated without each of so many parts of the blocks
 

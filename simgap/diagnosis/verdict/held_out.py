@@ -1,0 +1,299 @@
+"""Errors of a model on data that it was not fitted to: in windows, h ahead, and where they are.
+
+E(h) is the causal error h ahead, F(h) what a perfect model would show with this noise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import numpy as np
+
+from simgap.arrays import Bools, Floats, Ints
+from simgap.diagnosis.record.folds import LOOK_BACK_SAMPLES, Windows, merged
+from simgap.diagnosis.result import Concentrated, Judged, Stretches
+from simgap.diagnosis.search.confidence import at_noise, chi2_dof
+from simgap.diagnosis.search.fit import Fit, fit
+from simgap.diagnosis.simulation.gross_errors import are_gross, limited
+from simgap.diagnosis.simulation.initial import initial_states
+from simgap.diagnosis.simulation.problem import Problem
+from simgap.diagnosis.simulation.sensitivity import state_steps
+from simgap.diagnosis.thresholds import A_FEW, MOST
+from simgap.diagnosis.verdict.score import Errors
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Error of one parameter vector on windows that it was not fitted to.
+
+    Attributes:
+        states: (w, nx) initial states, refitted; rmse: (k,) with them; ratio: RMSE over noise, all channels together.
+        chi2: with them; free: compared numbers less what the initial states took.
+        heard: (k,) 1 for channels that are fitted.
+        horizon: the causal error ahead; None if it was not asked for, or no stretch is long enough.
+        errors: what it is scored by: the errors ahead, of the windows where there are none.
+        stray: readings that are gross errors: `chi2` limits what one of them counts.
+    """
+
+    states: Floats
+    rmse: Floats
+    ratio: float
+    chi2: float
+    free: int
+    heard: Floats
+    horizon: HorizonError | None
+    errors: Errors
+    stray: int = 0
+
+    @property
+    def at_noise(self) -> bool:
+        """Whether the error is no more than noise, as far as so few numbers can tell."""
+        return at_noise(self.chi2, self.free)
+
+
+def judge(held: Problem, theta: Floats, horizon_s: float) -> HeldOut:
+    """Refit only the initial states (w, nx) of held-out windows at theta (q,), and predict ahead causally."""
+    held = replace(held, usual=None)
+    at = fit(held, theta, initial_states(held), [], {})
+    plain = held.residuals(theta, at.x0)
+    noise = np.ones(len(held.sigma))
+    loss = limited(plain, noise)
+    count, chi2 = held.size, float(np.sum(loss**2))
+    unbiased = math.sqrt(max(1.0 - held.taken / count, 0.1))  # the initial states took some degrees of freedom
+    rmse = np.sqrt(np.sum(held.misses(theta, at.x0) ** 2, axis=0) / held.compared) * held.sigma / unbiased
+    ratio = math.sqrt(float(np.sum(plain**2)) / count) / unbiased
+    free = max(round(count - held.taken), 1)
+    ahead = _ahead(held, theta, horizon_s)
+    errors = _misses(held, theta, at) if ahead is None else _blocks(held, ahead)
+    return HeldOut(at.x0, rmse, ratio, chi2, free, held.heard, ahead, errors, int(np.sum(are_gross(loss, noise))))
+
+
+def ahead_alone(held: Problem, theta: Floats, horizon_s: float, like: HeldOut) -> HeldOut:
+    """What `judge` says of errors ahead, the rest `like` another's; all of it where no stretch is long enough."""
+    ahead = _ahead(replace(held, usual=None), theta, horizon_s)
+    return judge(held, theta, 0.0) if ahead is None else replace(like, horizon=ahead)
+
+
+def errors_ahead(held: Problem, theta: Floats, horizon_s: float) -> Errors:
+    """What `judge` scores a model by, and nothing else."""
+    held = replace(held, usual=None)
+    ahead = _ahead(held, theta, horizon_s)
+    if ahead is not None:
+        return _blocks(held, ahead)
+    return _misses(held, theta, fit(held, theta, initial_states(held), [], {}))
+
+
+def _ahead(held: Problem, theta: Floats, horizon_s: float) -> HorizonError | None:
+    return horizon_error(held, theta, horizon_s) if horizon_s > 0.0 else None
+
+
+def _misses(held: Problem, theta: Floats, at: Fit) -> Errors:
+    """The misses, window by window."""
+    misses = held.misses(theta, at.x0)[:, held.heard > 0.0]
+    return Errors(misses, np.repeat(np.arange(len(held.windows)), np.diff(held.rows)))
+
+
+def _blocks(held: Problem, ahead: HorizonError) -> Errors:
+    """Errors ahead in blocks so long that none reaches past the next one."""
+    trace = np.searchsorted(held.firsts, ahead.begin, side="right") - 1
+    since, ends = held.t[ahead.begin] - held.t[held.firsts[trace]], held.t[ahead.end] - held.t[ahead.begin]
+    length = float(np.max(ends)) + look_back(held)
+    place = np.stack([trace, since // length], axis=1)
+    errors = (ahead.error / held.sigma)[:, held.heard > 0.0]
+    return Errors(errors, np.unique(place, axis=0, return_inverse=True)[1].ravel())
+
+
+def judged(problem: Problem, at: Fit, held: HeldOut, horizon_s: float) -> Judged:
+    """The figures of one model as they are reported."""
+    names = problem.model.measured
+    horizon = {} if held.horizon is None else dict(zip(names, map(float, held.horizon.rmse), strict=True))
+    rmse = dict(zip(names, map(float, held.rmse), strict=True))
+    return Judged(rmse, horizon_s, horizon, chi2_dof(problem, at), held.ratio)
+
+
+def excess(held: HeldOut, floor: Floats | None, sigma: Floats) -> float:
+    """Excess of E(h) over F(h), all fitted channels in units of their noise; of the windows without a horizon."""
+    if held.horizon is None or floor is None:
+        return math.sqrt(max(0.0, held.ratio**2 - 1.0))
+    over = np.maximum(held.horizon.rmse**2 - floor**2, 0.0) / sigma**2
+    return float(np.sqrt(np.mean(over[held.heard > 0.0])))
+
+
+def excess_share(before: HeldOut, after: HeldOut, sigma: Floats) -> float:
+    """Excess after over before, above the same floor; 1 if there was none."""
+    floor = None if after.horizon is None else after.horizon.floor
+    was = excess(before, floor, sigma)
+    return excess(after, floor, sigma) / was if was > 0.0 else 1.0
+
+
+_LATER = 0.1  # of the horizon, by which a prediction may end later where a channel is read more seldom
+
+
+@dataclass(frozen=True, eq=False)
+class HorizonError:
+    """Predictions h ahead.
+
+    Attributes:
+        error: (n, k) of each prediction; begin, end: (n,) samples where it began and where it was judged.
+        expected: makes `floor`.
+    """
+
+    error: Floats
+    begin: Ints
+    end: Ints
+    expected: Callable[[], Floats]
+
+    @cached_property
+    def rmse(self) -> Floats:
+        """E(h), (k,)."""
+        return np.asarray(np.sqrt(np.mean(self.error**2, axis=0)))
+
+    @cached_property
+    def floor(self) -> Floats:
+        """F(h), (k,)."""
+        return self.expected()
+
+
+def horizon_error(problem: Problem, theta: Floats, horizon: float) -> HorizonError | None:
+    """Predict `horizon` seconds ahead at theta (q,) from many instants of the problem's windows.
+
+    At each instant the state is estimated from the samples of the last `Problem.brief` seconds alone (at least
+    `LOOK_BACK_SAMPLES`), then the model runs on the recorded input; E is the RMS error at the end. F adds to the noise
+    of the sample at the end what the noise of the look-back does to the state estimate, by the model's linearisation.
+    Returns None if no stretch is long enough.
+    """
+    base, middle, end = _instants(problem, horizon)
+    if not len(base):
+        return None
+    first = problem.firsts[np.searchsorted(problem.firsts, base, side="right") - 1]
+    at = problem.on(Windows(base, middle, first, np.zeros_like(base)))
+    start = fit(at, theta, initial_states(at), [], {}).x0
+    whole = problem.on(Windows(base, end, first, at.windows.trace))
+    error = whole.misses(theta, start)[whole.rows[1:] - 1] * problem.sigma
+    return HorizonError(error, middle - 1, end - 1, partial(_floor, at, whole, theta, start))
+
+
+def look_back(problem: Problem) -> float:
+    """From how long before a prediction its state is estimated, s: no longer than a window, at least some samples."""
+    return max(problem.brief, LOOK_BACK_SAMPLES * problem.spacing)
+
+
+def _instants(problem: Problem, horizon: float) -> tuple[Ints, Ints, Ints]:
+    """Look-back from, instant (exclusive end of the look-back), and end (exclusive) in samples.
+
+    A prediction ends at a sample at which every channel is a measurement: what is none would count as no error.
+    """
+    rows: list[tuple[int, int, int]] = []
+    t, back = problem.t, look_back(problem)
+    read = np.flatnonzero(np.all((problem.used > 0.0) | (problem.heard == 0.0), axis=1))
+    whole = merged(problem.windows)
+    for a, b in zip(whole.start.tolist(), whole.stop.tolist(), strict=True):
+        k = a
+        while True:
+            middle = max(int(np.searchsorted(t[a:b], t[k] + back)) + a, k + LOOK_BACK_SAMPLES)
+            if middle >= b:
+                break
+            aim = t[middle - 1] + horizon * (1 - 1e-9)
+            end = int(np.searchsorted(t[a:b], aim)) + a
+            if end >= b:
+                break
+            known = read[np.searchsorted(read, end) :][:1]
+            if known.size and known[0] < b and t[known[0]] <= aim + _LATER * horizon:
+                rows.append((k, middle, int(known[0]) + 1))
+            k = max(int(np.searchsorted(t[a:b], t[k] + 0.25 * max(horizon, back))) + a, k + 1)
+    table = np.array(rows, dtype=np.int64).reshape(-1, 3)
+    return table[:, 0].copy(), table[:, 1].copy(), table[:, 2].copy()
+
+
+def _floor(at: Problem, whole: Problem, theta: Floats, start: Floats) -> Floats:
+    """F(h) from the covariance of the look-back's state estimate, carried to the end."""
+    steps, k = state_steps(start), at.y.shape[1]
+    back = np.empty((int(at.rows[-1]), k, start.shape[1]))
+    ahead = np.empty((len(start), k, start.shape[1]))
+    for i, step in enumerate(steps):
+        shift = np.zeros(start.shape[1])
+        shift[i] = step
+        back[:, :, i] = (at.residuals(theta, start - shift) - at.residuals(theta, start + shift)) / (2 * step)
+        low, high = whole.misses(theta, start - shift), whole.misses(theta, start + shift)
+        ahead[:, :, i] = ((low - high) / (2 * step))[whole.rows[1:] - 1]
+    variance = np.ones((len(start), k))
+    for w in range(len(start)):
+        a = back[at.rows[w] : at.rows[w + 1]].reshape(-1, start.shape[1])
+        covariance = np.linalg.pinv(a.T @ a, rcond=1e-12)
+        variance[w] += np.einsum("ki,ij,kj->k", ahead[w], covariance, ahead[w])
+    return np.asarray(np.sqrt(np.mean(variance, axis=0)) * at.sigma)
+
+
+def concentrated(confirm: Problem, names: Sequence[str], old: HeldOut, new: HeldOut) -> Concentrated | None:
+    """Where a small part of the predictions on *confirm* carries most of the squared error that is left.
+
+    Args:
+        confirm: the problem; names: of its traces.
+        old, new: errors of the declared model and of the one that is judged.
+
+    Returns:
+        None where nothing is above the noise, predictions are few, or the error is spread over the time.
+    """
+    before, after = old.horizon, new.horizon
+    if new.at_noise or before is None or after is None or A_FEW * len(after.error) < 1.0:
+        return None
+    size = np.sort(_size(after, confirm.sigma))[::-1]
+    carried = np.cumsum(size) / np.sum(size)
+    count = int(np.searchsorted(carried, MOST)) + 1
+    if count > A_FEW * len(size):
+        return None
+    worst = [_worst(h, count, confirm.sigma) for h in (before, after)]
+    rest = [~_touched(h, bad) for h, bad in zip((before, after), worst, strict=True)]
+    if not all(r.any() for r in rest):
+        return None
+    was, now = (_excess(h, r, after.floor, confirm.sigma) for h, r in zip((before, after), rest, strict=True))
+    share, medians = math.sqrt(now / was) if was > 0.0 else 1.0, (_median(before, confirm), _median(after, confirm))
+    return Concentrated(_places(confirm, names, after, worst[1]), float(carried[count - 1]), share, *medians)
+
+
+def _size(h: HorizonError, sigma: Floats) -> Floats:
+    return np.asarray(np.mean((h.error / sigma) ** 2, axis=1))
+
+
+def _worst(h: HorizonError, count: int, sigma: Floats) -> Bools:
+    """So many predictions that miss most, of each model its own: to leave out where one misses would flatter it."""
+    bad = np.zeros(len(h.error), dtype=bool)
+    bad[np.argsort(-_size(h, sigma))[:count]] = True
+    return bad
+
+
+def _touched(h: HorizonError, bad: Bools) -> Bools:
+    """Predictions that overlap a bad one."""
+    spans = zip(h.begin[bad], h.end[bad], strict=True)
+    return np.any([(h.begin <= b) & (h.end >= a) for a, b in spans], axis=0)
+
+
+def _excess(h: HorizonError, which: Bools, floor: Floats, sigma: Floats) -> float:
+    """Mean square above the floor, of some of the predictions, in units of the noise."""
+    return float(np.mean(np.maximum(np.mean(h.error[which] ** 2, axis=0) - floor**2, 0.0) / sigma**2))
+
+
+def _median(h: HorizonError, confirm: Problem) -> dict[str, float]:
+    return dict(zip(confirm.model.measured, map(float, np.median(np.abs(h.error), axis=0)), strict=True))
+
+
+def _places(confirm: Problem, names: Sequence[str], after: HorizonError, bad: Bools) -> Stretches:
+    """What most of the bad predictions around have in common, as stretches of time."""
+    change = np.zeros(len(confirm.t) + 1)
+    np.add.at(change, after.begin[bad], 1.0)
+    np.add.at(change, after.end[bad] + 1, -1.0)
+    cover = np.cumsum(change)[:-1]
+    out, k = [], 0
+    while k < len(cover):
+        if cover[k] == 0.0:
+            k += 1
+            continue
+        stop = k + int(np.argmax(np.append(cover[k:], 0.0) == 0.0))
+        core = k + np.flatnonzero(cover[k:stop] > 0.5 * cover[k:stop].max())
+        trace = int(np.searchsorted(confirm.firsts, k, side="right")) - 1
+        out.append((names[trace], float(confirm.t[core[0]]), float(confirm.t[core[-1]])))
+        k = stop
+    return tuple(out)
