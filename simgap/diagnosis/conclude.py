@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,17 +10,15 @@ import numpy as np
 from simgap.diagnosis.choosing import Chosen
 from simgap.diagnosis.record.faults.measurement import is_fault
 from simgap.diagnosis.record.faults.registry import fitted_faults, gain_faults
-from simgap.diagnosis.record.folds import Span, stretches
+from simgap.diagnosis.record.folds import stretches
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import (
     Alternative,
-    Concentrated,
     Diagnosis,
     DiagnosisSettings,
     FoldStretches,
     FoundEffect,
     Judged,
-    Key,
     Nearest,
     RecordingFault,
     Verdict,
@@ -60,38 +58,38 @@ def conclude(
     """From what was chosen to the answer; here alone *confirm* is looked at."""
     known, confirm, horizon = parts.known, parts.confirm, settings.horizon_s
     names = [trace.name for trace in record.traces]
-    judgement = confirmed(parts, choice, names, horizon)
-    chosen, old = judgement.chosen, judgement.old
+    chosen, evidence = confirmed(parts, choice, horizon)
+    old, new = evidence.declared, evidence.corrected
     search, full, base = chosen.search, chosen.full, chosen.base
-    grade = _graded(record, parts.left_out, known, confirm, chosen, judgement.evidence)
+    grade = _graded(record, parts, chosen, evidence)
     word, named = grade.word, grade.named
     empty = search.empty(chosen.sparse)
     path = steps(search, empty, chosen.kept)
     ordered = in_order(chosen.kept, path)
-    kept, held = (ordered, judgement.new) if named else (full.empty(base), old)
-    short = nearest(full, ordered, judgement.evidence, chosen.at_floor, model) if word == "unexplained" else None
+    kept, held = (ordered, new) if named else (full.empty(base), old)
+    short = nearest(full, ordered, evidence, chosen.at_floor, model) if word == "unexplained" else None
     watch = search.watch
     tested = word in ("partial", "unexplained") and short is None and not watch.stopped
     left = second_look(search, chosen.found if named else empty, confirm, held, horizon, model) if tested else None
     plain = replace(known, usual=None)
     declared = fit(plain, base.theta, base.x0, [], {})
-    findings = _findings(model, record, known, chosen, kept, grade.others)
+    effects, listed, fitted, negligible = _findings(model, record, chosen, kept, grade.others)
     windows = predictions(known, names, (base, base.x0), (kept.fit, kept.fit.x0), False)
     windows += predictions(confirm, names, (base, old.states), (kept.fit, held.states), True)
     return Diagnosis(
         verdict=word,
-        effects=findings.effects,
-        alternatives=findings.listed,
+        effects=effects,
+        alternatives=listed,
         before=judged(plain, declared, old, horizon),
         after=judged(known, kept.fit, held, horizon),
         floor=_floor(confirm, held, horizon),
-        excess_share=judgement.evidence.share if named else 1.0,
-        explained_error=judgement.evidence.gain.share if named and not chosen.at_floor else None,
+        excess_share=evidence.share if named else 1.0,
+        explained_error=evidence.gain.share if named and not chosen.at_floor else None,
         sigma=dict(zip(record.measured, map(float, confirm.sigma), strict=True)),
         candidates=candidate_scores(search, empty, chosen.barred),
         collinear=collinear_table(collinear_pairs(search, empty), EXACTLY_COLLINEAR),
         folds=FoldStretches(*(stretches(p.windows, confirm.t, names) for p in (parts.fit, parts.choose, confirm))),
-        warnings=(*said, *findings.slight, *_warnings(held, kept, horizon), *grade.beside),
+        warnings=(*said, *negligible, *_warnings(held, kept, horizon), *grade.beside),
         doubts=grade.doubts,
         stopped=f"{watch.stopped}: the answer is the best of {watch.sets} sets of effects." if watch.stopped else "",
         unconfirmed=grade.further,
@@ -101,8 +99,8 @@ def conclude(
         windows=tuple(windows),
         nearest=short,
         left_over=left,
-        concentrated=judgement.where,
-        recording=(*faults, *push_faults(parts.left_out, known, names), *findings.faults, *noise_faults(known)),
+        concentrated=concentrated(confirm, names, old, new),
+        recording=(*faults, *push_faults(parts.left_out, known, names), *fitted, *noise_faults(known)),
         steps=path,
     )
 
@@ -114,26 +112,23 @@ def _limit_reached(settings: DiagnosisSettings, chosen: Chosen) -> int | None:
     return most if limits != usual and len(chosen.kept.members) >= most else None
 
 
-@dataclass(frozen=True, eq=False)
-class _Findings:
-    """Effects, sets that do as well, faults of the recording, and those of no practical size, as they are reported."""
-
-    effects: tuple[FoundEffect, ...]
-    listed: tuple[Alternative, ...]
-    faults: tuple[RecordingFault, ...]
-    slight: tuple[str, ...]
-
-
 def _findings(
-    model: SymbolicModel, record: Record, known: Problem, chosen: Chosen, kept: Explanation, others: Sequence[Rival]
-) -> _Findings:
-    every = found_effects(chosen.full, kept, others, chi2_dof(known, kept.fit), chosen.at_floor, model)
+    model: SymbolicModel, record: Record, chosen: Chosen, kept: Explanation, others: Sequence[Rival]
+) -> tuple[tuple[FoundEffect, ...], tuple[Alternative, ...], tuple[RecordingFault, ...], tuple[str, ...]]:
+    """Effects, sets that do as well, faults of the recording, and warnings of those of no practical size.
+
+    The last are allowed for and are no findings.
+    """
+    reduced = chi2_dof(chosen.full.problem, kept.fit)
+    every = found_effects(chosen.full, kept, others, reduced, chosen.at_floor, model)
     small = slight(chosen.full, kept, chosen.base)
-    faults = (*fitted_faults([e for e in every if (e.name, e.on) not in small]), *gain_faults(every))
+    faults = (*fitted_faults(e for e in every if (e.name, e.on) not in small), *gain_faults(every))
+    beside = fitted_faults(e for e in every if (e.name, e.on) in small)
     plant = [e for e in every if not is_fault(e.name)]
     listed = alternatives(chosen.found, others)
     effects, listed = with_restatements(plant, listed, model, applied(kept), record.measured)
-    return _Findings(effects, listed, faults, _of_no_size(every, small))
+    said = tuple(f"{f.sentence} It is negligible in practice and allowed for." for f in beside)
+    return effects, listed, faults, said
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,18 +150,16 @@ class _Grade:
     beside: tuple[str, ...]
 
 
-def _graded(
-    record: Record, left_out: tuple[Span, ...], known: Problem, confirm: Problem, chosen: Chosen, evidence: Evidence
-) -> _Grade:
+def _graded(record: Record, parts: Parts, chosen: Chosen, evidence: Evidence) -> _Grade:
     """The verdict by the evidence, held back where something else may have acted or fits better."""
     word, members = verdict(chosen.kept, evidence), chosen.kept.members
-    asked = left_out and word in ("attributed", "none")
-    further = extrapolated(record, left_out, known, chosen.kept.fit, confirm) if asked else ()
+    asked = parts.left_out and word in ("attributed", "none")
+    further = extrapolated(record, parts, chosen.kept.fit) if asked else ()
     word = "partial" if further and members else word
     named = word in ("attributed", "partial") or (word == "none" and evidence.needed)
     others = _rivals(chosen) if named else []
     unsure = doubts(others, chosen.found, chosen.full.problem, chosen.kept)
-    faint = faint_memory(known) if word == "attributed" and members else ()
+    faint = faint_memory(parts.known) if word == "attributed" and members else ()
     word = "partial" if (unsure or faint) and word == "attributed" else word
     if word != "partial" or not evidence.at_noise:
         return _Grade(word, named, others, further, faint, (), unsure)
@@ -187,12 +180,6 @@ def _floor(problem: Problem, held: HeldOut, horizon_s: float) -> Judged:
     sigma = dict(zip(names, map(float, problem.sigma), strict=True))
     ahead = {} if held.horizon is None else dict(zip(names, map(float, held.horizon.floor), strict=True))
     return Judged(sigma, horizon_s, ahead, 1.0, 1.0)
-
-
-def _of_no_size(every: Sequence[FoundEffect], small: Collection[Key]) -> tuple[str, ...]:
-    """Faults of the recording that are told of and allowed for, and are no findings."""
-    found = fitted_faults(e for e in every if (e.name, e.on) in small)
-    return tuple(f"{f.sentence} It is negligible in practice and allowed for." for f in found)
 
 
 def _warnings(held: HeldOut, kept: Explanation, horizon_s: float) -> tuple[str, ...]:
@@ -235,42 +222,22 @@ def nearest(
     return Nearest(effects, share, tuple(reason for holds, reason in reasons if holds))
 
 
-@dataclass(frozen=True, eq=False)
-class Confirmed:
-    """What *confirm* says.
-
-    Attributes:
-        chosen: the set, without what halves of the other folds disagree on if that is needed and enough.
-        old, new: errors of the model as declared and with the set; where: the places that carry most of the second.
-        evidence: what the verdict is made of.
-    """
-
-    chosen: Chosen
-    old: HeldOut
-    new: HeldOut
-    where: Concentrated | None
-    evidence: Evidence
+def confirmed(parts: Parts, chosen: Chosen, horizon_s: float) -> tuple[Chosen, Evidence]:
+    """The set and what *confirm* says of it; a smaller one where that leaves doubt and halves disagree on a part."""
+    declared = judge(parts.confirm, chosen.base.theta, horizon_s)
+    evidence = _evidence(parts, chosen, declared, horizon_s)
+    if chosen.at_floor and not evidence.agree:
+        less = _steadier(parts.known, chosen.full, chosen.kept)
+        if less is not None:
+            chosen = chosen.less(less)
+            evidence = _evidence(parts, chosen, declared, horizon_s)
+    return chosen, evidence
 
 
-def confirmed(parts: Parts, chosen: Chosen, names: Sequence[str], horizon_s: float) -> Confirmed:
-    """Judge a set on *confirm*; a smaller one where that leaves doubt and halves disagree on a part of it."""
-    old = judge(parts.confirm, chosen.base.theta, horizon_s)
-    found = _judged(parts, chosen, names, old, horizon_s)
-    if not chosen.at_floor or found.evidence.agree:
-        return found
-    less: Explanation | None = _steadier(parts.known, chosen.full, chosen.kept)
-    return found if less is None else _judged(parts, chosen.less(less), names, old, horizon_s)
-
-
-def _judged(parts: Parts, chosen: Chosen, names: Sequence[str], old: HeldOut, horizon_s: float) -> Confirmed:
-    new = judge(parts.confirm, chosen.kept.fit.theta, horizon_s)
-    where = concentrated(parts.confirm, names, old, new)
-    return Confirmed(chosen, old, new, where, _evidence(parts, chosen, old, new))
-
-
-def _evidence(parts: Parts, chosen: Chosen, old: HeldOut, new: HeldOut) -> Evidence:
+def _evidence(parts: Parts, chosen: Chosen, old: HeldOut, horizon_s: float) -> Evidence:
     known, confirm = parts.known, parts.confirm
     found, full, agree = chosen.kept, chosen.full, chosen.agree
+    new = judge(confirm, found.fit.theta, horizon_s)
     share = excess_share(old, new, known.sigma)
     wanted = bool(found.members) and needed(full, found, confirm, new)
     sure = wanted and new.at_noise
@@ -312,10 +279,8 @@ def _steadier(known: Problem, search: Search, found: Explanation) -> Explanation
 
 def needed(full: Search, found: Explanation, confirm: Problem, with_all: HeldOut) -> bool:
     """Whether leaving out any of the effects, the others fitted again to the known data, is worse on *confirm*."""
-    if len(found.members) == 1:
-        kept = [full.problem.model.null]
-    else:
-        kept = [full.without(found, c).fit.theta for c in found.members]
+    lone = len(found.members) == 1
+    kept = [full.problem.model.null if lone else full.without(found, c).fit.theta for c in found.members]
     return all(judge(confirm, theta, 0.0).chi2 > with_all.chi2 for theta in kept)
 
 
@@ -356,11 +321,6 @@ class Evidence:
         )
         return tuple(reason for holds, reason in reasons if not holds)
 
-    @property
-    def carries(self) -> bool:
-        """Whether it surely predicts better what it was not fitted to."""
-        return self.gain.sure and self.borne_out
-
 
 def verdict(found: Explanation, evidence: Evidence) -> Verdict:
     """The table of verdicts; a fit that has not settled is never more than `partial`.
@@ -369,14 +329,15 @@ def verdict(found: Explanation, evidence: Evidence) -> Verdict:
     alone explain the data down to their noise, the model lacks nothing; nor where it is at the noise as declared, and
     *confirm* does not ask for what was found.
     """
-    if not found.members:
-        return "none" if evidence.before <= FIT_QUALITY and evidence.declared.at_noise else "unexplained"
-    if evidence.before <= FIT_QUALITY and evidence.declared.at_noise and not evidence.needed:
-        return "none"
+    at_noise = evidence.before <= FIT_QUALITY and evidence.declared.at_noise
+    if not found.members or (at_noise and not evidence.needed):
+        return "none" if at_noise else "unexplained"
     plant = any(not c.of_recording for c in found.members)
     sure = evidence.agree or len(found.members) <= LEAPS_ANYHOW
     if evidence.at_noise and found.fit.converged and evidence.needed and sure:
         return "attributed" if plant else "none"
     if not plant:
         return "unexplained"
-    return "partial" if evidence.carries and found.physical and evidence.agree else "unexplained"
+    return (
+        "partial" if evidence.gain.sure and evidence.borne_out and found.physical and evidence.agree else "unexplained"
+    )

@@ -22,6 +22,7 @@ from simgap.diagnosis.result import RecordingFault
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.gross_errors import are_gross
+from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import state_columns, state_steps
 from simgap.diagnosis.thresholds import BRIEF_S, FAR, MOST, SEVERAL
@@ -86,7 +87,7 @@ def noise_faults(problem: Problem) -> list[RecordingFault]:
 _SPAN = 0.25 * BRIEF_S  # s over which a rate is taken
 
 
-def extrapolated(record: Record, spans: tuple[Span, ...], known: Problem, at: Fit, confirm: Problem) -> tuple[str, ...]:
+def extrapolated(record: Record, parts: Parts, at: Fit) -> tuple[str, ...]:
     """Readings and inputs that are, where a time left out begins, where nothing else in the record was, by name.
 
     It begins until a reading leaves the prediction from the window before; where there is none, all of it counts. A
@@ -94,15 +95,16 @@ def extrapolated(record: Record, spans: tuple[Span, ...], known: Problem, at: Fi
     before as they still act. In one piece of data everything between its least and its largest number was visited.
 
     Args:
-        record: the data; spans: the times left out; known: the windows without them.
-        at: the answer, fitted to these; confirm: the windows that confirm.
+        record: the data; parts: its folds, without the times left out.
+        at: the answer, fitted to what is known.
     """
+    known, confirm = parts.known, parts.confirm
     k, reach = len(record.measured), known.reach(at.theta)
     noise = np.concatenate([confirm.sigma, np.zeros(len(record.inputs)), np.sqrt(2.0) * confirm.sigma / _SPAN])
     slack = FAR * noise
     low, high = (np.concatenate(each) for each in zip(_ranges(confirm, slack), _ranges(known, -slack), strict=True))
     further = np.zeros(len(slack), dtype=bool)
-    for left in spans:
+    for left in parts.left_out:
         trace, begin, end = record.traces[left[0]], left[1], _leaves(known, at, left)
         around = _between(trace, begin - _SPAN, max(end, begin + _SPAN))
         for columns, values in (
