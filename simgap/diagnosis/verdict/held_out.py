@@ -240,29 +240,20 @@ def concentrated(confirm: Problem, names: Sequence[str], old: HeldOut, new: Held
     before, after = old.horizon, new.horizon
     if new.at_noise or before is None or after is None or A_FEW * len(after.error) < 1.0:
         return None
-    size = np.sort(_size(after, confirm.sigma))[::-1]
-    carried = np.cumsum(size) / np.sum(size)
+    size = [np.mean((h.error / confirm.sigma) ** 2, axis=1) for h in (before, after)]
+    largest = np.sort(size[1])[::-1]
+    carried = np.cumsum(largest) / np.sum(largest)
     count = int(np.searchsorted(carried, MOST)) + 1
-    if count > A_FEW * len(size):
+    if count > A_FEW * len(largest):
         return None
-    worst = [_worst(h, count, confirm.sigma) for h in (before, after)]
+    # of each model its own worst predictions: to leave out where one misses would flatter it
+    worst = [np.isin(np.arange(len(s)), np.argsort(-s)[:count]) for s in size]
     rest = [~_touched(h, bad) for h, bad in zip((before, after), worst, strict=True)]
     if not all(r.any() for r in rest):
         return None
     was, now = (_excess(h, r, after.floor, confirm.sigma) for h, r in zip((before, after), rest, strict=True))
     share, medians = math.sqrt(now / was) if was > 0.0 else 1.0, (_median(before, confirm), _median(after, confirm))
     return Concentrated(_places(confirm, names, after, worst[1]), float(carried[count - 1]), share, *medians)
-
-
-def _size(h: HorizonError, sigma: Floats) -> Floats:
-    return np.asarray(np.mean((h.error / sigma) ** 2, axis=1))
-
-
-def _worst(h: HorizonError, count: int, sigma: Floats) -> Bools:
-    """So many predictions that miss most, of each model its own: to leave out where one misses would flatter it."""
-    bad = np.zeros(len(h.error), dtype=bool)
-    bad[np.argsort(-_size(h, sigma))[:count]] = True
-    return bad
 
 
 def _touched(h: HorizonError, bad: Bools) -> Bools:

@@ -35,7 +35,7 @@ from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import BIC_GAIN, MATTERS, MOST, PLAUSIBLE_RATIO, SURE, WIDTH
 from simgap.diagnosis.verdict.held_out import errors_ahead
-from simgap.diagnosis.verdict.score import Errors, Gain, gained
+from simgap.diagnosis.verdict.score import Errors, gained
 
 _RANK = 1e-8  # of the largest eigenvalue, and of a unit vector: what is less is not there
 
@@ -137,12 +137,8 @@ def _variances(covariance: Floats) -> Floats:
 _PARTS = 10  # the choice is repeated without each of so many parts of the blocks
 
 
-@dataclass(frozen=True, eq=False)
-class Trial:
-    """One part of the data, on which sets are judged, and the rest, which they are fitted to."""
-
-    fit: Problem
-    judged: Problem
+Trial = tuple[Problem, Problem]
+"""What sets are fitted to, and the part of the data on which they are judged then."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,11 +158,6 @@ class Carried:
     agrees: bool
     declared: Floats
     predicted: Floats
-
-    @property
-    def gain(self) -> Gain:
-        """What the choice predicts better than the model as declared."""
-        return gained(self.declared, self.predicted)
 
 
 def rescaled(search: Search, best: Explanation) -> Search:
@@ -204,7 +195,7 @@ def trials(known: Problem, windows: Windows, together: int) -> tuple[Trial, ...]
     own = part[np.maximum(np.searchsorted(windows.start, known.windows.start, side="right") - 1, 0)]
     rows = JUDGED_ROWS // max(count, 1)
     return tuple(
-        Trial(coarse(known.on(known.windows.pick(own != k))), coarse(known.on(windows.pick(part == k)), rows, together))
+        (coarse(known.on(known.windows.pick(own != k))), coarse(known.on(windows.pick(part == k)), rows, together))
         for k in range(count if count > 1 else 0)
     )
 
@@ -288,9 +279,7 @@ def preferred_of(
 def _density(e: Explanation, parts: Sequence[Trial], h: float, steps: dict[int, float]) -> Floats:
     """Log density of the errors ahead on each part of a set fitted to the others, block by block."""
     errors = []
-    for part in parts:
-        at = e.fit
-        if e.members:
-            at = fit(part.fit, at.theta, at.begin(part.fit), at.slots, steps)
-        errors.append(errors_ahead(part.judged, at.theta, h))
+    for known, judged in parts:
+        at = fit(known, e.fit.theta, e.fit.begin(known), e.fit.slots, steps) if e.members else e.fit
+        errors.append(errors_ahead(judged, at.theta, h))
     return Errors.joined(errors).density() if errors else np.zeros(1)
