@@ -11,7 +11,7 @@ from pydantic_core import to_jsonable_python
 
 from simgap.correction.remainder import Remainder, RemainderUse
 from simgap.diagnosis import result
-from simgap.diagnosis.arms.answer import ArmDiagnosis
+from simgap.diagnosis.arms.diagnose import ArmDiagnosis
 from simgap.diagnosis.arms.problem import INERTIAL
 from simgap.diagnosis.record.survey import Survey
 from simgap.diagnosis.record.traces import Reading

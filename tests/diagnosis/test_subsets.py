@@ -12,7 +12,7 @@ from simgap.diagnosis.search.equivalence import Rival
 from simgap.diagnosis.search.leaps import best_subsets
 from simgap.diagnosis.search.scoring import Screen
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.verdict.answer import better
+from simgap.diagnosis.verdict.answer import contested
 
 
 def _screen(columns: np.ndarray, residual: np.ndarray, own: int) -> Screen:
@@ -66,12 +66,15 @@ def test_columns_of_one_direction_make_one_set():
     assert {2, 4} not in [{c.slots[0] for c in s.members} for s in found]
 
 
-def test_a_set_that_fits_clearly_better_than_the_answer_is_called_so():
+def test_a_set_that_fits_as_well_or_clearly_better_than_the_answer_is_called_so():
     def fitted(name, bic):
         effect = SimpleNamespace(phrase=lambda on: f"{name} at the {on}")
-        return SimpleNamespace(members=(SimpleNamespace(effect=effect, on="hinge"),), bic=bic)
+        member = SimpleNamespace(effect=effect, on="hinge", key=(name, "hinge"), of_recording=False)
+        return SimpleNamespace(members=(member,), bic=bic, keys={(name, "hinge")})
 
-    answer = fitted("drag", 100.0)
-    assert better([Rival(fitted("a spring", 95.0), False)], answer) == ()
-    (said,) = better([Rival(fitted("a spring", 95.0), False), Rival(fitted("friction", 83.0), False)], answer)
+    answer, near = fitted("drag", 100.0), Rival(fitted("a spring", 95.0), False)
+    assert contested([Rival(fitted("a spring", 103.0), False)], answer) == ()
+    (said,) = contested([near], answer)
+    assert "a spring at the hinge fits as well (BIC -5.0)" in said
+    (said,) = contested([near, Rival(fitted("friction", 83.0), False)], answer)
     assert "friction at the hinge fits better (BIC lower by 17)" in said

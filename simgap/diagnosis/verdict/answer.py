@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.diagnosis.record.faults.measurement import effect_or_fault, is_fault
 from simgap.diagnosis.result import (
     Alternative,
@@ -75,20 +76,13 @@ def found_effects(
 
 
 def _replacements(key: Key, found: Explanation, rivals: Sequence[Rival]) -> tuple[tuple[Key, ...], ...]:
-    sets = []
-    for r in rivals:
-        keys = r.explanation.keys
-        if key not in keys:
-            sets.append(tuple(sorted(keys - found.keys)))
-    return tuple(dict.fromkeys(s for s in sets if s))
+    others = (r.explanation.keys for r in rivals if key not in r.explanation.keys)
+    return tuple(dict.fromkeys(tuple(sorted(keys - found.keys)) for keys in others if keys - found.keys))
 
 
 def alternatives(found: Explanation, rivals: Sequence[Rival]) -> tuple[Alternative, ...]:
     """Whole sets that fit as well."""
     return tuple(Alternative(whole_set(r.explanation), r.explanation.bic - found.bic, r.exact) for r in rivals)
-
-
-_NOT_PHYSICAL = "its best fit is unphysical or zero"
 
 
 def candidate_scores(search: Search, empty: Explanation, barred: Mapping[Key, str]) -> tuple[CandidateScore, ...]:
@@ -98,25 +92,23 @@ def candidate_scores(search: Search, empty: Explanation, barred: Mapping[Key, st
     alone = {e.members[0].key: e for e in singles}
     rows = []
     for c in search.problem.model.candidates:
-        e: Explanation | None = alone.get(c.key)
         reason = "" if c.key in promised else "the data imply the opposite sign or no effect"
         if c.key in search.unseen[empty.keys]:
             reason = "these data do not show it"
         reason = barred.get(c.key, reason)
-        if e is not None and not e.physical:
+        e: Explanation | None = alone.get(c.key)
+        if e is None:
+            rows.append(CandidateScore(*c.key, promised.get(c.key, 0.0), None, {}, reason))
+            continue
+        if not e.physical:
             bent = c.effect.one_curve and sound(c, e.fit)
-            reason = "it fits almost anything, and still leaves more than noise" if bent else _NOT_PHYSICAL
-        rows.append(
-            CandidateScore(
-                c.effect.name,
-                c.on,
-                promised.get(c.key, 0.0),
-                None if e is None else empty.bic - e.bic,
-                {} if e is None else parameter_values(c, e.fit),
-                reason,
-                None if e is None else chi2_dof(search.problem, e.fit),
+            reason = (
+                "it fits almost anything, and still leaves more than noise"
+                if bent
+                else "its best fit is unphysical or zero"
             )
-        )
+        gain, left = empty.bic - e.bic, chi2_dof(search.problem, e.fit)
+        rows.append(CandidateScore(*c.key, promised.get(c.key, 0.0), gain, parameter_values(c, e.fit), reason, left))
     return tuple(sorted(rows, key=lambda r: -max(r.bic_gain or -math.inf, 0.0) - 1e-3 * r.chi2_drop))
 
 
@@ -133,11 +125,7 @@ def collinear_table(pairs: Sequence[tuple[Key, Key, float]], exact: float) -> tu
 
 
 def predictions(
-    problem: Problem,
-    names: Sequence[str],
-    before: tuple[Fit, np.ndarray],
-    after: tuple[Fit, np.ndarray],
-    held_out: bool,
+    problem: Problem, names: Sequence[str], before: tuple[Fit, Floats], after: tuple[Fit, Floats], held_out: bool
 ) -> list[WindowPrediction]:
     """Measured, before and after on evenly picked windows; each model comes with its initial states (w, nx)."""
     most = max(_MOST_WINDOWS, _MOST_SAMPLES * len(problem.windows) // max(problem.windows.samples, 1))
@@ -166,7 +154,10 @@ def steps(search: Search, empty: Explanation, answer: Explanation) -> tuple[Step
         best = min(own, key=lambda key: own[key].fit.chi2, default=None)
         tried = _tried(search, here) | own
         if tried and (best is not None or not left):
-            out.append(Step(chi2_dof(search.problem, here.fit), _options(search, here, tried, best)))
+            ordered: Sequence[Key] = sorted(tried, key=lambda key: (key != best, tried[key].fit.chi2))
+            at = ((key, tried[key]) for key in ordered)
+            options = (Option(*key, chi2_dof(search.problem, e.fit), here.bic - e.bic, key == best) for key, e in at)
+            out.append(Step(chi2_dof(search.problem, here.fit), tuple(options)))
         if best is None:
             return tuple(out)
         here, left = own[best], [c for c in left if c.key != best]
@@ -197,16 +188,6 @@ def _tried(search: Search, here: Explanation) -> dict[Key, Explanation]:
     """What was fitted with one effect more, physical fits alone, the best fit of each."""
     more = sorted(search.sound(len(here.members) + 1), key=lambda e: -e.fit.chi2)
     return {next(iter(e.keys - here.keys)): e for e in more if here.keys < e.keys}
-
-
-def _options(
-    search: Search, here: Explanation, tried: dict[Key, Explanation], best: Key | None
-) -> tuple[Option, ...]:  # fmt: skip
-    ordered: Sequence[Key] = sorted(tried, key=lambda key: (key != best, tried[key].fit.chi2))
-    return tuple(
-        Option(*key, chi2_dof(search.problem, tried[key].fit), here.bic - tried[key].bic, key == best)
-        for key in ordered
-    )
 
 
 def second_look(
@@ -298,26 +279,24 @@ def doubts(others: Sequence[Rival], found: Explanation, problem: Problem, kept: 
         others, found: what explains the data as well, and the answer, as the search compared them.
         problem, kept: everything that was fitted in the end, and the answer fitted to it.
     """
-    return better(others, found) or contested(others, found) or doubted(problem, kept)
-
-
-def better(others: Sequence[Rival], found: Explanation) -> tuple[str, ...]:
-    """What is to be said of a listed set that fits clearly better than the answer."""
-    best = min((r.explanation for r in others), key=lambda e: e.bic, default=found)
-    if found.bic - best.bic < BIC_GAIN:
-        return ()
-    named = joined([c.effect.phrase(c.on) for c in best.members])
-    return (
-        f"Among the alternatives {named} fits better (BIC lower by {found.bic - best.bic:.0f}), but not on the data "
-        "that choose, or it was found after the choice.",
-    )
+    return contested(others, found) or doubted(problem, kept)
 
 
 def contested(others: Sequence[Rival], found: Explanation) -> tuple[str, ...]:
-    """What is to be said of a listed set that fits as well and is not the same thing: neither is sure.
+    """What is to be said of a listed set that fits clearly better, or as well without being the same thing.
 
     A fault of the readings in the place of an effect is told beside it and does not contest it.
     """
+
+    def named(e: Explanation) -> str:
+        return f"Among the alternatives {joined([c.effect.phrase(c.on) for c in e.members])}"
+
+    best = min((r.explanation for r in others), key=lambda e: e.bic, default=found)
+    if found.bic - best.bic >= BIC_GAIN:
+        return (
+            f"{named(best)} fits better (BIC lower by {found.bic - best.bic:.0f}), but not on the data "
+            "that choose, or it was found after the choice.",
+        )
     close = [
         r.explanation for r in others
         if not r.exact and r.explanation.bic <= found.bic + AS_GOOD
@@ -326,7 +305,4 @@ def contested(others: Sequence[Rival], found: Explanation) -> tuple[str, ...]:
     if not close:
         return ()
     best = min(close, key=lambda e: e.bic)
-    named = joined([c.effect.phrase(c.on) for c in best.members])
-    return (
-        f"Among the alternatives {named} fits as well (BIC {best.bic - found.bic:+.1f}): these data do not decide.",
-    )
+    return (f"{named(best)} fits as well (BIC {best.bic - found.bic:+.1f}): these data do not decide.",)
