@@ -118,11 +118,11 @@ def _fault(change: Change, record: Record, sides: tuple[Diagnosis, Diagnosis], a
 
 def _differs(a: FoundEffect | None, b: FoundEffect | None, name: str) -> bool:
     """Whether a number has intervals that do not meet; an effect that is not there is at its null."""
-    for p in EFFECTS[name].parameters:
-        ends = [(p.null, p.null) if e is None else e.parameters[p.symbol].ci95 for e in (a, b)]
-        if ends[0][1] < ends[1][0] or ends[1][1] < ends[0][0]:
-            return True
-    return False
+    first, second = (
+        [(p.null, p.null) if e is None else e.parameters[p.symbol].ci95 for p in EFFECTS[name].parameters]
+        for e in (a, b)
+    )
+    return any(x[1] < y[0] or y[1] < x[0] for x, y in zip(first, second, strict=True))
 
 
 def _by_other_names(side: Diagnosis, keys: list[tuple[str, str]]) -> str:
@@ -136,9 +136,7 @@ def _by_other_names(side: Diagnosis, keys: list[tuple[str, str]]) -> str:
 
 def _said(found: FoundEffect | None, key: tuple[str, str]) -> str:
     effect = EFFECTS[key[0]]
-    if found is None:
-        return f"{effect.phrase(key[1])} as declared"
-    return effect.describe(key[1], found.quoted)
+    return f"{effect.phrase(key[1])} as declared" if found is None else effect.describe(key[1], found.quoted)
 
 
 @dataclass(frozen=True)
@@ -148,7 +146,6 @@ class Change:
     trace: int
     begin: float
     end: float
-    share: float
 
 
 def change_promised(search: Search, found: Explanation) -> Change | None:
@@ -182,8 +179,8 @@ def change_promised(search: Search, found: Explanation) -> Change | None:
     t = problem.t
     if w.trace[before] != w.trace[after]:
         edge = float(t[w.start[after]])
-        return Change(int(w.trace[after]), edge, edge, best / excess)
-    return Change(int(w.trace[after]), float(t[w.start[before]]), float(t[w.stop[after] - 1]), best / excess)
+        return Change(int(w.trace[after]), edge, edge)
+    return Change(int(w.trace[after]), float(t[w.start[before]]), float(t[w.stop[after] - 1]))
 
 
 def _others(search: Search, found: Explanation) -> list[Direction]:

@@ -46,7 +46,9 @@ def _answer(document: Document) -> list[str]:
     verdict, effects = document["verdict"], document["effects"]
     if verdict == "none":
         but = ", the faults of the recording allowed for" if document.get("recording") else ""
-        return [f"The model explains these data down to their noise{but}: no effect is missing.", _blind(document)]
+        advice = [w for w in document.get("warnings", ()) if "cannot be told" in w or "look alike" in w]
+        unseen = f"But {advice[0]}." if advice else ""
+        return [f"The model explains these data down to their noise{but}: no effect is missing.", unseen]
     if verdict == "unexplained":
         return _unexplained(document)
     found = joined([describe(e) for e in effects])
@@ -99,34 +101,19 @@ def _doubt(effect: Mapping[str, Any]) -> str:
     return f"these data do not tell {phrase(effect)} {joined([f'from {s}' for s in sets], 'or')}{rest}"
 
 
-def _blind(document: Document) -> str:
-    advice = [w for w in document.get("warnings", ()) if "cannot be told" in w or "look alike" in w]
-    return f"But {advice[0]}." if advice else ""
-
-
-def _unconfirmed(names: Sequence[str]) -> str:
-    """Why an answer that is down to the noise is not attributed."""
-    go = "goes" if len(names) == 1 else "go"
-    return (
-        f"What was kept is down to its noise; but where gross errors begin {joined(list(names))} {go} further "
-        "than in other data, and a stop, a collision or a limit there would look like a push: record a run that "
-        "goes there, and keep it for confirming (measured.held_out)."
-    )
-
-
-def _faint(names: Sequence[str]) -> str:
-    """Why an answer under a noise that hardly remembers is not attributed."""
-    return (
-        f"What is left looks like coloured noise of {joined(list(names))}; play in a gear and other mechanisms "
-        "outside the library would leave the same: measure that noise with the plant held at rest."
-    )
-
-
 def _remainder(document: Document) -> str:
-    if document.get("unconfirmed"):
-        return _unconfirmed(document["unconfirmed"])
-    if document.get("faint_memory"):
-        return _faint(document["faint_memory"])
+    """What keeps the answer from being attributed, or the error that is left."""
+    if further := document.get("unconfirmed"):
+        return (
+            f"What was kept is down to its noise; but where gross errors begin {joined(list(further))} "
+            f"{'goes' if len(further) == 1 else 'go'} further than in other data, and a stop, a collision or a limit "
+            "there would look like a push: record a run that goes there, and keep it for confirming (measured.held_out)."
+        )
+    if faint := document.get("faint_memory"):
+        return (
+            f"What is left looks like coloured noise of {joined(list(faint))}; play in a gear and other mechanisms "
+            "outside the library would leave the same: measure that noise with the plant held at rest."
+        )
     if document.get("doubts"):
         return (
             f"All data are predicted down to their noise, but that does not settle it. {' '.join(document['doubts'])}"
