@@ -107,7 +107,8 @@ def _remainder(document: Document) -> str:
         return (
             f"What was kept is down to its noise; but where gross errors begin {joined(list(further))} "
             f"{'goes' if len(further) == 1 else 'go'} further than in other data, and a stop, a collision or a limit "
-            "there would look like a push: record a run that goes there, and keep it for confirming (measured.held_out)."
+            "there would look like a push: record a run that goes there, and keep it for confirming "
+            "(measured.held_out)."
         )
     if faint := document.get("faint_memory"):
         return (
