@@ -290,13 +290,6 @@ def gains(
     return one_by_one(among, fitted)[1]
 
 
-def open_gains(part: Part, shared: Sequence[int], weights: Floats, correlated: Floats) -> Floats:
-    """(n,) gains beside every column at once, to begin from; ones if they do not settle."""
-    size, n = part.x.shape[2], part.y.shape[1]
-    found = _gains_beside(part, range(size), shared, np.zeros(size), weights, correlated, range(n))
-    return np.ones(n) if found is None else found.g
-
-
 def _gains_beside(
     part: Part, active: Sequence[int], shared: Sequence[int], theta: Floats, weights: Floats, correlated: Floats,
     open_: Sequence[int],
@@ -332,7 +325,9 @@ def chosen_columns(
     weights, correlated = weights_of(fit, len(keys))
     g: Floats | None
     if weighed:
-        g = open_gains(fit, shared, weights, correlated)
+        size, n = fit.x.shape[2], fit.y.shape[1]  # beside every column at once, to begin from
+        found = _gains_beside(fit, range(size), shared, np.zeros(size), weights, correlated, range(n))
+        g = np.ones(n) if found is None else found.g
     else:
         chosen = choose(keys, fit, judge, weights, correlated, most)
         g = lone_gains(keys, inputs, fit, judge, weights, correlated, most, chosen.bic)

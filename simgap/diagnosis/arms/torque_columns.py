@@ -80,13 +80,21 @@ def faulty_columns(
         out.add(j)
         both = _other(part, first, better, own[better], [j]) is not None
         if better > j or not both:
-            faults.append(_swapped(inputs[j], inputs[better], both))
+            what = f"The column of {inputs[j]} follows what {inputs[better]} would be far better than its own."
+            if both:
+                what = f"The columns of {inputs[j]} and {inputs[better]} are swapped."
+            faults.append(SwappedColumns().of(inputs[j], inputs[better], f"{what} {_TAKEN_OUT}"))
     for j in sorted(set(own) - out):
         if own[j].is_reversed:
             sentence = f"The column of {inputs[j]} has the wrong sign. {_TAKEN_OUT}"
             faults.append(WrongSign().told(inputs[j], float(own[j].theta[0]), sentence))
             out.add(j)
-    said = tuple(_scaled(inputs[j], float(own[j].theta[0])) for j in sorted(set(own) - out) if own[j].is_scaled)
+    said = tuple(
+        f"Besides friction, {inputs[j]} is {own[j].theta[0]:.3g} times what the declared arm needs: check units, drive "
+        "gain and masses before trusting other effects named there; a payload of known mass separates them."
+        for j in sorted(set(own) - out)
+        if own[j].is_scaled
+    )
     return tuple(faults), tuple(sorted(out)), said
 
 
@@ -121,17 +129,3 @@ def _line(part: Part, first: int, j: int, model: int) -> _Line:
     one = solve(gram, right - gram[:, 0], range(1, 4)) + np.array([1.0, 0.0, 0.0, 0.0])
     errors = standard_errors(rows, found, range(4), np.ones(1), correlation_rows(rows, found))
     return _Line(found, errors, *(float(spread(rows, theta)[0]) for theta in (found, one, bare)))
-
-
-def _scaled(name: str, slope: float) -> str:
-    return (
-        f"Besides friction, {name} is {slope:.3g} times what the declared arm needs: check units, drive gain and "
-        "masses before trusting other effects named there; a payload of known mass separates them."
-    )
-
-
-def _swapped(first: str, second: str, both: bool) -> RecordingFault:
-    what = f"The column of {first} follows what {second} would be far better than its own."
-    if both:
-        what = f"The columns of {first} and {second} are swapped."
-    return SwappedColumns().of(first, second, f"{what} {_TAKEN_OUT}")

@@ -91,16 +91,8 @@ class Channel:
         return f"measured.{self.section}.{self.name}"
 
 
-@dataclass(frozen=True, eq=False)
-class Converted:
-    """The channels of one file in the model's units: name -> (rows,); and those that may be wrapped.
-
-    `turns` gives a full turn in the model's unit, and whether the case says that the channel is wrapped (None: the
-    data decide).
-    """
-
-    values: Mapping[str, Floats]
-    turns: Mapping[str, tuple[float, bool | None]]
+Turns = Mapping[str, tuple[float, bool | None]]
+"""Of channels that may be wrapped: a full turn in the model's unit, and whether they are (None: the data decide)."""
 
 
 def measured_columns(
@@ -138,8 +130,8 @@ def measured_columns(
     return found
 
 
-def convert(table: RawTable, channels: Sequence[Channel]) -> Converted:
-    """All channels of a file in the model's units; wrapped angles are still wrapped.
+def convert(table: RawTable, channels: Sequence[Channel]) -> tuple[Mapping[str, Floats], Turns]:
+    """All channels of a file in the model's units, (rows,) each; angles still wrapped, and which may be.
 
     Raises:
         UserError: for a unit that cannot be converted, or that is no angle where the case says that it wraps; for a
@@ -155,22 +147,18 @@ def convert(table: RawTable, channels: Sequence[Channel]) -> Converted:
             factor, shift = _affine(unit, c, table.file)
             with np.errstate(over="ignore"):
                 values[c.name] = table.columns[c.column] * (c.scale * factor) + (c.scale * shift + c.offset)
-            _refuse_immense(values[c.name], c, table.file)
+            beyond = np.flatnonzero(np.abs(values[c.name]) > _LARGEST)
+            if beyond.size:
+                raise UserError(
+                    f"row {beyond[0] + 1}, column '{c.column}': {values[c.name][beyond[0]]:.3g} {c.unit} is no reading",
+                    file=table.file, remedy=f"Correct the cell, or unit, scale and offset under {c.key}.",
+                )  # fmt: skip
             turn = full_turn(unit)
             if c.wrapped and turn is None:
                 raise UserError(f"'{unit}' is not an angle, so it cannot be wrapped", file=table.file, key=c.key)
             if turn is not None and c.wrapped is not False and not c.is_input:
                 turns[c.name] = (abs(turn * factor * c.scale), c.wrapped)
-    return Converted(values, turns)
-
-
-def _refuse_immense(values: Floats, c: Channel, file: str) -> None:
-    beyond = np.flatnonzero(np.abs(values) > _LARGEST)
-    if beyond.size:
-        raise UserError(
-            f"row {beyond[0] + 1}, column '{c.column}': {values[beyond[0]]:.3g} {c.unit} is no reading",
-            file=file, remedy=f"Correct the cell, or unit, scale and offset under {c.key}.",
-        )  # fmt: skip
+    return values, turns
 
 
 def _affine(unit: str, c: Channel, file: str) -> tuple[float, float]:

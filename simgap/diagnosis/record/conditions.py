@@ -38,7 +38,7 @@ def conditioned(model: SymbolicModel, names: Sequence[str]) -> SymbolicModel:
     return replace(model, inputs=(*model.inputs, *more), parameters=left, conditions=tuple(names))
 
 
-def refuse_undefined(model: SymbolicModel, values: Mapping[str, float], key: str = _KEY) -> None:
+def refuse_undefined(model: SymbolicModel, values: Mapping[str, float]) -> None:
     """Refuses values of parameters under which a rate of the plant is no number.
 
     Raises:
@@ -47,7 +47,7 @@ def refuse_undefined(model: SymbolicModel, values: Mapping[str, float], key: str
     try:
         _ = model.numeric(values)
     except UserError as error:
-        raise UserError(error.problem, key=key, remedy="Correct the value, or the equation.") from None
+        raise UserError(error.problem, key=_KEY, remedy="Correct the value, or the equation.") from None
 
 
 def told_by_columns(table: RawTable, channels: Sequence[Channel]) -> dict[str | None, dict[str, float]]:
@@ -59,7 +59,7 @@ def told_by_columns(table: RawTable, channels: Sequence[Channel]) -> dict[str | 
     Raises:
         UserError: a column that changes within a file or, where its traces are told apart, within a trace.
     """
-    values, found = convert(table, channels).values, dict[str | None, dict[str, float]]()
+    values, found = convert(table, channels)[0], dict[str | None, dict[str, float]]()
     for label, rows in by_label(table):
         for c in channels:
             written = rows[~np.isnan(values[c.name][rows])]  # it never changes: some cells may be empty

@@ -52,6 +52,12 @@ class Trace:
         used, told = (None if mask is None else mask[which] for mask in (self.used, self.told))
         return Trace(self.name, self.t[which], self.y[which], self.u[which], used, told)
 
+    def showing(self, k: int, reading: Floats) -> Trace:
+        """The same with other readings of channel k, (n,)."""
+        y = self.y.copy()
+        y[:, k] = reading
+        return replace(self, y=y)
+
     @property
     def duration(self) -> float:
         """Seconds from the first stamp to the last."""

@@ -71,10 +71,8 @@ def read_traces(
         UserError: for a file without a state, an input that is missing, time running backwards, stamps too far apart,
             a single row, or no piece as long as a window; the message names file, row or key, and the remedy.
     """
-    found = []
-    for table in tables:
-        header = [name for name in table.header if name != section.time.column]  # time is no channel beside
-        found.append(measured_columns(table.file, header, table.units, channels))
+    headers = [[n for n in table.header if n != section.time.column] for table in tables]  # time is no channel beside
+    found = [measured_columns(t.file, h, t.units, channels) for t, h in zip(tables, headers, strict=True)]
     measured = tuple(c.name for c in channels if all(c.name in names for names in found))
     if not measured:
         raise UserError(
@@ -113,20 +111,20 @@ def _file_traces(
     """Traces of one file, and what is told of its rows; the first `k` of the used channels are states."""
     if table.rows < 2:
         raise UserError("has one row", file=table.file, remedy="Give a recording that lasts at least one window.")
-    converted = convert(table, used)
+    values_of, turns_of = convert(table, used)
     t, epoch = seconds(table, section.time.unit)
     traces: list[Trace] = []
     labels: list[str | None] = []
     parts: list[Split] = []
     groups = [(label, rows, concerning(section.masks, table.file, label)) for label, rows in by_label(table)]
-    empty = np.isnan([converted.values[c.name] for c in used])
+    empty = np.isnan([values_of[c.name] for c in used])
     said = list(_empty_cells(table.file, used, empty, [rows[kept(t[rows], masks)] for _, rows, masks in groups]))
     for label, every, masks in groups:
         rows = every[~empty[:, every].any(axis=0)]
         check_forward(t[rows], rows, table.file, label)
         check_interval(t[rows], section.window_s, section.time.unit or table.time_unit, table.file)
-        block = np.stack([converted.values[c.name][rows] for c in used], axis=1)
-        turns = {j: converted.turns[c.name] for j, c in enumerate(used) if c.name in converted.turns}
+        block = np.stack([values_of[c.name][rows] for c in used], axis=1)
+        turns = {j: turns_of[c.name] for j, c in enumerate(used) if c.name in turns_of}
         part = split(t[rows], block, turns, masks, section.time.gap_s, section.window_s)
         base = name if label is None else f"{name}:{label}"
         for i, (stamps, values) in enumerate(part.pieces):
@@ -178,10 +176,8 @@ def by_label(table: RawTable) -> Iterator[tuple[str | None, Ints]]:
         yield None, np.arange(table.rows)
         return
     values, first, inverse = np.unique(table.labels, return_index=True, return_inverse=True)
-    order = np.argsort(inverse, kind="stable")
-    groups = np.split(order, np.cumsum(np.bincount(inverse))[:-1])
     for g in np.argsort(first):
-        yield str(values[g]), groups[g]
+        yield str(values[g]), np.flatnonzero(inverse == g)
 
 
 def _unique_names(files: Sequence[str]) -> list[str]:

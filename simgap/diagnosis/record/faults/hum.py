@@ -49,7 +49,7 @@ class Hum(SeenFault):
                 size = max(float(np.hypot(*c)) for c in sines)
                 what = f"a hum of {hertz:.4g} Hz, {size:.2g} in amplitude, which no force produces; it was removed."
                 faults.append(self.told(name, hertz, f"{name} has {what}"))
-                traces = tuple(_less(trace, k, hertz, c) for trace, c in zip(record.traces, sines, strict=True))
+                traces = tuple(_less(trace, k, hertz, *c) for trace, c in zip(record.traces, sines, strict=True))
                 record = replace(record, traces=traces)
         return record, tuple(faults)
 
@@ -137,8 +137,6 @@ def _refined(trace: Trace, values: Floats, hertz: float, width: float) -> float:
     return float(found.x)
 
 
-def _less(trace: Trace, k: int, hertz: float, weights: Floats) -> Trace:
+def _less(trace: Trace, k: int, hertz: float, cosine: float, sine: float) -> Trace:
     turn = 2 * np.pi * hertz * trace.t
-    y = trace.y.copy()
-    y[:, k] -= weights[0] * np.cos(turn) + weights[1] * np.sin(turn)
-    return replace(trace, y=y)
+    return trace.showing(k, trace.y[:, k] - (cosine * np.cos(turn) + sine * np.sin(turn)))

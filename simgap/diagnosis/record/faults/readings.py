@@ -177,7 +177,7 @@ class Overflow(SeenFault):
         for k, name in enumerate(record.measured):
             size = _range(record, k, float(quantum[k]))
             if size > 0.0:
-                traces = tuple(_unwrapped(trace, k, size) for trace in record.traces)
+                traces = tuple(trace.showing(k, np.unwrap(trace.y[:, k], period=size)) for trace in record.traces)
                 record = replace(record, traces=traces)
                 sentence = f"{name} jumps by {size:.4g} from one end of its range to the other; that was undone."
                 faults.append(self.told(name, size, sentence, unit=model.units[name]))
@@ -204,12 +204,6 @@ def _range(record: Record, k: int, quantum: float) -> float:
     if any(len(_jumps(y, scale)[0]) for y in straight):  # what reads a number of its own out there is no counter
         return 0.0
     return float(np.median(sizes))
-
-
-def _unwrapped(trace: Trace, k: int, size: float) -> Trace:
-    y = trace.y.copy()
-    y[:, k] = np.unwrap(y[:, k], period=size)
-    return replace(trace, y=y)
 
 
 class Spikes(_LostReadings):
