@@ -106,11 +106,7 @@ def survey(record: Record, model: SymbolicModel, noise: Mapping[str, float] | No
     frozen = frozen_stretches(record)
     channels = tuple(_looks(record, model, sigma, quantum))
     traces = tuple(_timing(record))
-    warnings = (
-        *_excitation(record, model),
-        *_lag_words(lags, traces),
-        *_frozen_words(frozen),
-    )
+    warnings = (*_excitation(record, model), *_lag_words(lags, traces), *_frozen_words(frozen))
     return Survey(traces, channels, lags, frozen, warnings)
 
 
