@@ -119,8 +119,7 @@ def _findings(
 
     The last are allowed for and are no findings.
     """
-    reduced = chi2_dof(chosen.full.problem, kept.fit)
-    every = found_effects(chosen.full, kept, others, reduced, chosen.at_floor, model)
+    every = found_effects(chosen.full, kept, others, chosen.at_floor, model)
     small = slight(chosen.full, kept, chosen.base)
     faults = (*fitted_faults(e for e in every if (e.name, e.on) not in small), *gain_faults(every))
     beside = fitted_faults(e for e in every if (e.name, e.on) in small)
@@ -218,7 +217,7 @@ def nearest(
         (not found.fit.converged, "the fit had not converged"),
         (all(c.of_recording for c in found.members), "it is a fault of the recording, and more than noise is left"),
     )
-    effects = found_effects(full, found, (), evidence.after, at_floor, model)
+    effects = found_effects(full, found, (), at_floor, model)
     return Nearest(effects, share, tuple(reason for holds, reason in reasons if holds))
 
 

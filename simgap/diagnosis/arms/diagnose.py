@@ -349,12 +349,10 @@ def _links(base: Sequence[BaseParameter]) -> list[FoundEffect]:
 
 
 def _payloads(found: Found, payloads: Sequence[Payload]) -> tuple[FoundPayload, ...]:
-    own = [k for k, key in enumerate(found.keys) if key.effect == PAYLOAD]
-    out = []
+    unit, out = dict(zip(PARAMETERS, UNITS, strict=True)), []
     for p in payloads:
-        mine = [k for k in own if found.keys[k].on == p.link]
-        unit = dict(zip(PARAMETERS, UNITS, strict=True))
-        values = {found.keys[k].symbol: found.estimate(k, unit[found.keys[k].symbol]) for k in mine}
+        own = {key.symbol: k for k, key in enumerate(found.keys) if key.effect == PAYLOAD and key.on == p.link}
+        values = {symbol: found.estimate(k, unit[symbol]) for symbol, k in own.items()}
         out.append(FoundPayload(p.link, p.traces, values))
     return tuple(out)
 

@@ -23,7 +23,7 @@ from simgap.diagnosis.result import (
     Step,
     WindowPrediction,
 )
-from simgap.diagnosis.search.confidence import chi2_dof, degrees_of_freedom, interval, standard_errors
+from simgap.diagnosis.search.confidence import chi2_dof, interval
 from simgap.diagnosis.search.equivalence import Rival
 from simgap.diagnosis.search.explanations import Explanation, Search, doubted, sound
 from simgap.diagnosis.search.fit import Fit
@@ -32,6 +32,7 @@ from simgap.diagnosis.simulation.sensitivity import with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, FIT_QUALITY, MATTERS, NARROW
 from simgap.diagnosis.verdict.held_out import HeldOut, ahead_alone, excess_share
+from simgap.diagnosis.verdict.sets import errors_of
 from simgap.effects import EFFECTS, AppliedEffect
 from simgap.effects.sensors import LINEAR, is_linear
 from simgap.model.symbolic import SymbolicModel
@@ -58,12 +59,11 @@ def whole_set(found: Explanation) -> tuple[AppliedEffect, ...]:
 
 
 def found_effects(
-    search: Search, found: Explanation, rivals: Sequence[Rival], reduced: float, at_floor: bool, model: SymbolicModel
+    search: Search, found: Explanation, rivals: Sequence[Rival], at_floor: bool, model: SymbolicModel
 ) -> tuple[FoundEffect, ...]:
     """What was chosen, faults of the recording included, with intervals and what could stand in its place."""
-    errors = standard_errors(search.problem, found.fit, search.steps, reduced, at_floor)
+    errors, dof = errors_of(search, found, at_floor)
     by_slot = dict(zip(found.fit.slots, errors.tolist(), strict=True))
-    dof = degrees_of_freedom(search.problem, found.fit, at_floor)
     effects = []
     for c in found.members:
         units, values = c.effect.units(model, c.on), parameter_values(c, found.fit)
@@ -208,7 +208,7 @@ def second_look(
             continue
         share = 1.0 - excess_share(left, ahead_alone(confirm, e.fit.theta, horizon_s, left), confirm.sigma)
         if share >= MATTERS:
-            told = found_effects(search, e, (), chi2_dof(search.problem, e.fit), False, model)
+            told = found_effects(search, e, (), False, model)
             said += [LeftOver(f, share) for f in told if (f.name, f.on) == added]
     return tuple(sorted(said, key=lambda s: -s.share))
 

@@ -66,28 +66,24 @@ def judge(held: Problem, theta: Floats, horizon_s: float) -> HeldOut:
     rmse = np.sqrt(np.sum(held.misses(theta, at.x0) ** 2, axis=0) / held.compared) * held.sigma / unbiased
     ratio = math.sqrt(float(np.sum(plain**2)) / count) / unbiased
     free = max(round(count - held.taken), 1)
-    ahead = _ahead(held, theta, horizon_s)
+    ahead = horizon_error(held, theta, horizon_s)
     errors = _misses(held, theta, at) if ahead is None else _blocks(held, ahead)
     return HeldOut(at.x0, rmse, ratio, chi2, free, held.heard, ahead, errors, int(np.sum(are_gross(loss, noise))))
 
 
 def ahead_alone(held: Problem, theta: Floats, horizon_s: float, like: HeldOut) -> HeldOut:
     """What `judge` says of errors ahead, the rest `like` another's; all of it where no stretch is long enough."""
-    ahead = _ahead(replace(held, usual=None), theta, horizon_s)
+    ahead = horizon_error(replace(held, usual=None), theta, horizon_s)
     return judge(held, theta, 0.0) if ahead is None else replace(like, horizon=ahead)
 
 
 def errors_ahead(held: Problem, theta: Floats, horizon_s: float) -> Errors:
     """What `judge` scores a model by, and nothing else."""
     held = replace(held, usual=None)
-    ahead = _ahead(held, theta, horizon_s)
+    ahead = horizon_error(held, theta, horizon_s)
     if ahead is not None:
         return _blocks(held, ahead)
     return _misses(held, theta, fit(held, theta, initial_states(held), [], {}))
-
-
-def _ahead(held: Problem, theta: Floats, horizon_s: float) -> HorizonError | None:
-    return horizon_error(held, theta, horizon_s) if horizon_s > 0.0 else None
 
 
 def _misses(held: Problem, theta: Floats, at: Fit) -> Errors:
@@ -114,19 +110,21 @@ def judged(problem: Problem, at: Fit, held: HeldOut, horizon_s: float) -> Judged
     return Judged(rmse, horizon_s, horizon, chi2_dof(problem, at), held.ratio)
 
 
-def excess(held: HeldOut, floor: Floats | None, sigma: Floats) -> float:
-    """Excess of E(h) over F(h), all fitted channels in units of their noise; of the windows without a horizon."""
-    if held.horizon is None or floor is None:
-        return math.sqrt(max(0.0, held.ratio**2 - 1.0))
-    over = np.maximum(held.horizon.rmse**2 - floor**2, 0.0) / sigma**2
-    return float(np.sqrt(np.mean(over[held.heard > 0.0])))
-
-
 def excess_share(before: HeldOut, after: HeldOut, sigma: Floats) -> float:
-    """Excess after over before, above the same floor; 1 if there was none."""
+    """Excess of E(h) over F(h), after over before, all fitted channels in units of their noise; 1 if there was none.
+
+    Of the windows where no stretch is long enough for a prediction.
+    """
     floor = None if after.horizon is None else after.horizon.floor
-    was = excess(before, floor, sigma)
-    return excess(after, floor, sigma) / was if was > 0.0 else 1.0
+
+    def excess(held: HeldOut) -> float:
+        if held.horizon is None or floor is None:
+            return math.sqrt(max(0.0, held.ratio**2 - 1.0))
+        over = np.maximum(held.horizon.rmse**2 - floor**2, 0.0) / sigma**2
+        return float(np.sqrt(np.mean(over[held.heard > 0.0])))
+
+    was = excess(before)
+    return excess(after) / was if was > 0.0 else 1.0
 
 
 _LATER = 0.1  # of the horizon, by which a prediction may end later where a channel is read more seldom
@@ -163,8 +161,10 @@ def horizon_error(problem: Problem, theta: Floats, horizon: float) -> HorizonErr
     At each instant the state is estimated from the samples of the last `Problem.brief` seconds alone (at least
     `LOOK_BACK_SAMPLES`), then the model runs on the recorded input; E is the RMS error at the end. F adds to the noise
     of the sample at the end what the noise of the look-back does to the state estimate, by the model's linearisation.
-    Returns None if no stretch is long enough.
+    Returns None if no stretch is long enough, or none is asked for.
     """
+    if horizon <= 0.0:
+        return None
     base, middle, end = _instants(problem, horizon)
     if not len(base):
         return None
@@ -189,8 +189,7 @@ def _instants(problem: Problem, horizon: float) -> tuple[Ints, Ints, Ints]:
     rows: list[tuple[int, int, int]] = []
     t, back = problem.t, look_back(problem)
     read = np.flatnonzero(np.all((problem.used > 0.0) | (problem.heard == 0.0), axis=1))
-    whole = merged(problem.windows)
-    for a, b in zip(whole.start.tolist(), whole.stop.tolist(), strict=True):
+    for a, b, *_ in merged(problem.windows):
         k = a
         while True:
             middle = max(int(np.searchsorted(t[a:b], t[k] + back)) + a, k + LOOK_BACK_SAMPLES)

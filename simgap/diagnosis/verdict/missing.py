@@ -54,18 +54,14 @@ class Missing:
 class _Motion:
     """A trace on even stamps: smoothed states and inputs, and for each rate the raw channel that it is had from.
 
-    `channels` maps a state to (channel, how often that channel is differentiated to give the rate of the state).
+    `dt` is the spacing of the stamps, s. `channels` maps a state to (channel, how often that channel is differentiated to give the rate of the state).
     """
 
     t: Floats
+    dt: float
     size: int
     values: Mapping[str, Floats]
     channels: Mapping[str, tuple[Floats, int]]
-
-    @property
-    def dt(self) -> float:
-        """Spacing of the stamps, s."""
-        return float(self.t[1] - self.t[0])
 
 
 def missing_terms(
@@ -151,7 +147,7 @@ def _motion(record: Record, trace: Trace, model: SymbolicModel, sigma: Floats) -
             channels[c.velocity] = (y, 2)
     held = np.clip(np.searchsorted(trace.t, t, side="right") - 1, 0, len(trace.t) - 1)
     values |= {name: trace.u[held, j] for j, name in enumerate(record.inputs)}
-    return _Motion(t, size, values, channels)
+    return _Motion(t, float(t[1] - t[0]), size, values, channels)
 
 
 def _lack(motion: _Motion, model: SymbolicModel, rows: Sequence[str], shifts: Mapping[str, float]) -> Floats:

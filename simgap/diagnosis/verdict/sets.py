@@ -62,14 +62,14 @@ def vanished(search: Search, found: Explanation, at_floor: bool) -> list[Candida
     """Its effects whose 95 % interval contains "no effect"."""
     if not found.members:
         return []
-    return vanishing(search.problem, found.members, found.fit, *_errors(search, found, at_floor))
+    return vanishing(search.problem, found.members, found.fit, *errors_of(search, found, at_floor))
 
 
 def _loose(search: Search, found: Explanation, at_floor: bool) -> list[Candidate]:
-    return undetermined(found.members, found.fit, *_errors(search, found, at_floor))
+    return undetermined(found.members, found.fit, *errors_of(search, found, at_floor))
 
 
-def _errors(search: Search, found: Explanation, at_floor: bool) -> tuple[Floats, int]:
+def errors_of(search: Search, found: Explanation, at_floor: bool) -> tuple[Floats, int]:
     """Standard errors (p,) of what was fitted, and the degrees of freedom of its intervals."""
     reduced = chi2_dof(search.problem, found.fit)
     errors = standard_errors(search.problem, found.fit, search.steps, reduced, at_floor)
