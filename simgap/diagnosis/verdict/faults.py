@@ -28,6 +28,8 @@ from simgap.diagnosis.simulation.sensitivity import state_columns, state_steps
 from simgap.diagnosis.thresholds import BRIEF_S, FAR, MOST, SEVERAL
 from simgap.notation import from_to, joined
 
+_SPAN = 0.25 * BRIEF_S  # s over which a rate is taken
+
 
 def gross_spans(known: Problem, at: Fit) -> tuple[Span, ...]:
     """Times of fitted windows in which gross errors follow one another: a push, a contact, a lost signal."""
@@ -82,9 +84,6 @@ def noise_faults(problem: Problem) -> list[RecordingFault]:
     lasts = float(problem.t[problem.windows.stop[0] - 1] - problem.t[problem.windows.start[0]])
     shared, tau = (map(float, each) for each in (problem.colour.shared, problem.colour.tau))
     return ColouredNoise().of(zip(problem.model.measured, shared, tau, strict=True), lasts)
-
-
-_SPAN = 0.25 * BRIEF_S  # s over which a rate is taken
 
 
 def extrapolated(record: Record, parts: Parts, at: Fit) -> tuple[str, ...]:

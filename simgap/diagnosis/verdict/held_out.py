@@ -24,6 +24,8 @@ from simgap.diagnosis.simulation.sensitivity import state_steps
 from simgap.diagnosis.thresholds import A_FEW, MOST
 from simgap.diagnosis.verdict.score import Errors
 
+_LATER = 0.1  # of the horizon, by which a prediction may end later where a channel is read more seldom
+
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
@@ -125,9 +127,6 @@ def excess_share(before: HeldOut, after: HeldOut, sigma: Floats) -> float:
 
     was = excess(before)
     return excess(after) / was if was > 0.0 else 1.0
-
-
-_LATER = 0.1  # of the horizon, by which a prediction may end later where a channel is read more seldom
 
 
 @dataclass(frozen=True, eq=False)

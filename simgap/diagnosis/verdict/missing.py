@@ -54,8 +54,8 @@ class Missing:
 class _Motion:
     """A trace on even stamps: smoothed states and inputs, and for each rate the raw channel that it is had from.
 
-    `dt` is the spacing of the stamps, s. `channels` maps a state to (channel, how often that channel is differentiated to
-    give the rate of the state).
+    `dt` is the spacing of the stamps, s. `channels` maps a state to (channel, how often that is differentiated to give
+    the rate of the state).
     """
 
     t: Floats

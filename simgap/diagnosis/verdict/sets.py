@@ -37,6 +37,7 @@ from simgap.diagnosis.thresholds import BIC_GAIN, MATTERS, MOST, PLAUSIBLE_RATIO
 from simgap.diagnosis.verdict.held_out import errors_ahead
 from simgap.diagnosis.verdict.score import Errors, gained
 
+_PARTS = 10  # the choice is repeated without each of so many parts of the blocks
 _RANK = 1e-8  # of the largest eigenvalue, and of a unit vector: what is less is not there
 
 
@@ -132,9 +133,6 @@ def _variances(covariance: Floats) -> Floats:
     values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
     hidden = values <= _RANK * np.abs(values).max(initial=0.0)
     return np.where(np.sum(vectors[:, hidden] ** 2, axis=1) > _RANK, np.inf, own)
-
-
-_PARTS = 10  # the choice is repeated without each of so many parts of the blocks
 
 
 Trial = tuple[Problem, Problem]
