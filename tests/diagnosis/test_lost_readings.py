@@ -221,10 +221,12 @@ def test_no_window_holds_inputs_that_nobody_knows():
     assert inside[1995:2005].all()  # one row: the line between its neighbours tells it
 
 
-def test_noise_is_told_by_clean_readings():
+def test_rest_is_told_by_clean_readings():
+    """Spikes had made all of a swing of 150 mm seem to be within the noise."""
     t, y = _swinging(seed=44)
     y[np.random.default_rng(45).integers(10, t.size - 10, 40)] += 0.5
     look = survey(_of(t, y), rigs.oscillator_model())
+    assert look.still == ()
     assert look.channels[0].noise == pytest.approx(3e-4, rel=0.1)
 
 

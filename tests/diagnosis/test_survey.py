@@ -77,8 +77,18 @@ def test_excitation_that_says_too_little():
     assert any("one direction only" in w for w in one_way.warnings)
 
 
-def test_a_hanging_sensor():
+def test_a_stuck_tail_and_a_hanging_sensor():
     t, q, v, u = motion()
+    rng = np.random.default_rng(5)
+    stop = t > 7.0
+    rest = look(
+        t,
+        np.where(stop, 0.5 + SIGMA * rng.standard_normal(t.size), q),
+        np.where(stop, 10 * SIGMA * rng.standard_normal(t.size), v),
+        u,
+    )
+    assert sum(s.seconds for s in rest.still) == pytest.approx(5.0, abs=0.5)
+    assert any("no reading changes" in w for w in rest.warnings)
     hung = np.where((t > 4.0) & (t < 5.0), q[800], q)
     seen = look(t, hung, v, u)
     assert [s.channel for s in seen.frozen] == ["q"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from simgap.diagnosis.record.faults.columns import VelocityLag, velocity_lag
 from simgap.diagnosis.record.faults.registry import READINGS, mended
 from simgap.diagnosis.record.noise import resolution, worth
 from simgap.diagnosis.record.record import Record, runs
-from simgap.diagnosis.thresholds import A_FEW, BRIEF_S, MOST, SELDOM
+from simgap.diagnosis.thresholds import A_FEW, BRIEF_S, FAR, MATTERS, MOST, SELDOM, SEVERAL
 from simgap.late import sympy as sp
 from simgap.model.symbolic import Coordinate, SymbolicModel, symbol
 from simgap.notation import from_to
@@ -21,12 +22,12 @@ from simgap.units import full_turn
 
 @dataclass(frozen=True)
 class Stretch:
-    """A stretch of a trace: from, to (s, the trace's own stamps) and the channel it is about."""
+    """A stretch of a trace: from, to (s, the trace's own stamps) and the channel it is about (None: all)."""
 
     trace: str
     start: float
     stop: float
-    channel: str
+    channel: str | None = None
 
     @property
     def seconds(self) -> float:
@@ -34,16 +35,35 @@ class Stretch:
         return self.stop - self.start
 
 
-def frozen_stretches(record: Record) -> tuple[Stretch, ...]:
+def still_stretches(record: Record, sigma: Floats) -> tuple[Stretch, ...]:
+    """Three blocks or more in which every channel stays within its noise, (k,), that of rounding included."""
+    limit = 2.0 * FAR * sigma
+    found: list[Stretch] = []
+    for trace in record.traces:
+        blocks = np.searchsorted(trace.t, np.arange(trace.t[0], trace.t[-1], BRIEF_S))
+        edges = np.unique(np.append(blocks, len(trace.t))).tolist()
+        still = np.array([bool(np.all(np.ptp(trace.y[a:b], axis=0) <= limit)) for a, b in pairwise(edges)])
+        for a, b in runs(still):
+            together = np.ptp(trace.y[edges[a] : edges[b]], axis=0) <= 2 * limit
+            stretch = Stretch(trace.name, float(trace.t[edges[a]]), float(trace.t[edges[b] - 1]))
+            if together.all() and stretch.seconds >= (SEVERAL - 1) * BRIEF_S:
+                found.append(stretch)
+    return tuple(found)
+
+
+def frozen_stretches(record: Record, still: tuple[Stretch, ...]) -> tuple[Stretch, ...]:
     """Stretches of at least `BRIEF_S` in which one channel repeats the very same number while the trace moves."""
     found: list[Stretch] = []
     for trace in record.traces:
         span = np.ptp(trace.y, axis=0)
+        rests = [s for s in still if s.trace == trace.name]
         for k, name in enumerate(record.measured):
             for a, b in runs(np.diff(trace.y[:, k]) == 0.0):
                 s = Stretch(trace.name, float(trace.t[a]), float(trace.t[b]), name)
+                if s.seconds < BRIEF_S or any(o.start <= s.stop and s.start <= o.stop for o in rests):
+                    continue
                 moved = np.delete(np.ptp(trace.y[a : b + 1], axis=0) > MOST * span, k)
-                if s.seconds >= BRIEF_S and moved.any():
+                if moved.any():
                     found.append(s)
     return tuple(found)
 
@@ -80,6 +100,7 @@ class Survey:
     traces: tuple[TraceLook, ...]
     channels: tuple[ChannelLook, ...]
     lags: tuple[VelocityLag, ...]
+    still: tuple[Stretch, ...]
     frozen: tuple[Stretch, ...]
     warnings: tuple[str, ...]
 
@@ -103,11 +124,16 @@ def survey(record: Record, model: SymbolicModel, noise: Mapping[str, float] | No
         if c.position in record.measured and c.velocity in record.measured
         if (lag := velocity_lag(clean, c.position, c.velocity)) is not None
     )
-    frozen = frozen_stretches(record)
+    still = still_stretches(clean, sigma)
+    frozen = frozen_stretches(record, still)
     channels = tuple(_looks(record, model, sigma, quantum))
     traces = tuple(_timing(record))
-    warnings = (*_excitation(record, model), *_lag_words(lags, traces), *_frozen_words(frozen))
-    return Survey(traces, channels, lags, frozen, warnings)
+    warnings = (
+        *_excitation(record, model),
+        *_lag_words(lags, traces),
+        *_still_words(still, frozen, sum(t.duration_s for t in traces)),
+    )
+    return Survey(traces, channels, lags, still, frozen, warnings)
 
 
 def _timing(record: Record) -> Iterator[TraceLook]:
@@ -189,10 +215,21 @@ def _lag_words(lags: tuple[VelocityLag, ...], traces: tuple[TraceLook, ...]) -> 
             )
 
 
-def _frozen_words(frozen: tuple[Stretch, ...]) -> Iterator[str]:
-    if frozen:
-        names, longest = ", ".join(sorted({s.channel for s in frozen})), max(frozen, key=lambda s: s.seconds)
+def _still_words(still: tuple[Stretch, ...], frozen: tuple[Stretch, ...], total: float) -> Iterator[str]:
+    rest = sum(s.seconds for s in still)
+    if rest > MATTERS * total:
         yield (
-            f"{names} repeats one value while the rest moves (longest: {from_to(longest.start, longest.stop)} of "
-            f"{longest.trace}): a stuck sensor; drop such times with measured.masks"
+            f"no reading changes for {rest:.3g} s of {total:.3g} s (longest: {_longest(still)}): "
+            f"such time tells little; drop it with measured.masks"
         )
+    if frozen:
+        names = ", ".join(sorted({s.channel or "" for s in frozen}))
+        yield (
+            f"{names} repeats one value while the rest moves (longest: {_longest(frozen)}): a stuck sensor; drop "
+            "such times with measured.masks"
+        )
+
+
+def _longest(stretches: tuple[Stretch, ...]) -> str:
+    s = max(stretches, key=lambda item: item.seconds)
+    return f"{from_to(s.start, s.stop)} of {s.trace}"
