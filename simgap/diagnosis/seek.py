@@ -21,9 +21,8 @@ from simgap.diagnosis.search.scoring import list_starts
 from simgap.diagnosis.search.selection import best_so_far, carried_over, fitted_here, grow, preferred, select
 from simgap.diagnosis.search.watch import Stopped, Watch
 from simgap.diagnosis.simulation.coarse import coarse
-from simgap.diagnosis.simulation.colour import Colour
-from simgap.diagnosis.simulation.gross_errors import usual_size
 from simgap.diagnosis.simulation.initial import initial_states
+from simgap.diagnosis.simulation.noise_law import Colour, usual_size
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.step_length import resolved_everywhere

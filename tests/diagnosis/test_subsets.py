@@ -10,8 +10,8 @@ import pytest
 
 from simgap.diagnosis.conclude import better
 from simgap.diagnosis.search.equivalence import Rival
-from simgap.diagnosis.search.leaps import best_subsets
 from simgap.diagnosis.search.scoring import Screen
+from simgap.diagnosis.search.selection import best_subsets
 from simgap.diagnosis.simulation.supermodel import Candidate
 
 

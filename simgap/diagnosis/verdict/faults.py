@@ -12,7 +12,7 @@ from simgap.diagnosis.record.folds import Span
 from simgap.diagnosis.result import RecordingFault
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit
-from simgap.diagnosis.simulation.gross_errors import are_gross
+from simgap.diagnosis.simulation.noise_law import are_gross
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import MOST, SEVERAL
 from simgap.notation import from_to, joined

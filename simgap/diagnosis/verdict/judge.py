@@ -19,8 +19,8 @@ from simgap.diagnosis.search.confidence import (
 )
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
-from simgap.diagnosis.simulation.gross_errors import are_gross, limited
 from simgap.diagnosis.simulation.initial import initial_states
+from simgap.diagnosis.simulation.noise_law import are_gross, limited
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY, LEAPS_ANYHOW, MATTERS, MOST, SURE

@@ -21,7 +21,7 @@ from simgap.diagnosis.record.folds import Windows
 from simgap.diagnosis.search.confidence import chi2_dof, independent_share
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
-from simgap.diagnosis.search.leaps import fit_larger
+from simgap.diagnosis.search.selection import fit_larger
 from simgap.diagnosis.simulation.coarse import JUDGED_ROWS, coarse
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import BIC_GAIN, MATTERS, MOST, PLAUSIBLE_RATIO, WIDTH
