@@ -178,7 +178,7 @@ def _grown_from(search: Search, base: Fit, found: Explanation, most: int) -> Exp
         for c in known.members:
             if c.effect.contains is not None:
                 search.coarser(known, c)
-        return preferred(search, grow(search, known, most), most)
+        return preferred(search, grow(search, known, most, finer=False), most)
 
     return looked_again(search.watch, look) or best_so_far(search, base, most)
 
