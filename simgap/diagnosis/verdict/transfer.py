@@ -115,7 +115,7 @@ def transferable(
         parts: from `trials`; h: how far ahead is predicted, s; most: number of effects that are tried anyhow; largest:
             number of them where each one more took most of what was left away.
     """
-    wider = rescaled(search, best)
+    wider = rescaled(search, best).near(best)
     wider.joined(wider.empty(base))
     for size in range(1, most + 1):  # a wider look than the greedy path: the right set need not fit best
         for e in wider.sound(size)[:1]:
