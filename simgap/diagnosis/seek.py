@@ -21,9 +21,8 @@ from simgap.diagnosis.search.scoring import list_starts
 from simgap.diagnosis.search.selection import best_so_far, carried_over, fitted_here, grow, preferred, select
 from simgap.diagnosis.search.watch import Stopped, Watch
 from simgap.diagnosis.simulation.coarse import coarse
-from simgap.diagnosis.simulation.colour import Colour
-from simgap.diagnosis.simulation.gross_errors import usual_size
 from simgap.diagnosis.simulation.initial import initial_states
+from simgap.diagnosis.simulation.noise_law import Colour, usual_size
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.step_length import resolved_everywhere
@@ -179,7 +178,7 @@ def _grown_from(search: Search, base: Fit, found: Explanation, most: int) -> Exp
         for c in known.members:
             if c.effect.contains is not None:
                 search.coarser(known, c)
-        return preferred(search, grow(search, known, most), most)
+        return preferred(search, grow(search, known, most, finer=False), most)
 
     return looked_again(search.watch, look) or best_so_far(search, base, most)
 

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from simgap.diagnosis.search.whiteness import follows_input
+from simgap.diagnosis.search.noise_colour import follows_input
 
 SAMPLES = np.arange(2000)
 ROWS = np.arange(0, 2001, 200)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from simgap.diagnosis.simulation.gross_errors import LIMIT, are_gross, limited, usual_size
+from simgap.diagnosis.simulation.noise_law import LIMIT, are_gross, limited, usual_size
 
 RNG = np.random.default_rng(20)
 

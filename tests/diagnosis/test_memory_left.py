@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.signal import lfilter
 
-from simgap.diagnosis.search.whiteness import memory_left
+from simgap.diagnosis.search.noise_colour import memory_left
 
 
 def remembers(misses: np.ndarray) -> bool:

@@ -16,7 +16,7 @@ from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.search.columns import Columns, better_columns
 from simgap.diagnosis.search.noise_colour import _law
 from simgap.diagnosis.simulation.coarse import coarse
-from simgap.diagnosis.simulation.colour import Colour, whiten
+from simgap.diagnosis.simulation.noise_law import Colour, whiten
 from simgap.diagnosis.simulation.parts import parts_of
 from tests.diagnosis import rigs
 from tests.undeclared.counted import counted_model, counted_record

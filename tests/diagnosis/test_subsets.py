@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from simgap.diagnosis.search.equivalence import Rival
-from simgap.diagnosis.search.leaps import best_subsets
 from simgap.diagnosis.search.scoring import Screen
+from simgap.diagnosis.search.selection import best_subsets
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.verdict.answer import contested
 

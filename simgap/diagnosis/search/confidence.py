@@ -10,7 +10,7 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.diagnosis.record.noise import samples_as_one
 from simgap.diagnosis.search.fit import Fit
-from simgap.diagnosis.simulation.gross_errors import are_gross
+from simgap.diagnosis.simulation.noise_law import are_gross
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import linearise, slot_direction
 from simgap.diagnosis.simulation.supermodel import Candidate

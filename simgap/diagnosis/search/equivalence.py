@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from simgap.diagnosis.search.fit import EQUIVALENT_CHI2
 from simgap.diagnosis.search.scoring import begun_at
 from simgap.diagnosis.simulation.sensitivity import scaled, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, COLLINEAR, MOST, NEAR, WIDTH
+from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, COLLINEAR, MOST, WIDTH
 from simgap.effects.base import Start
 
 EXACTLY_COLLINEAR = 1.0 - 1e-6
@@ -46,7 +46,7 @@ def rivals(search: Search, chosen: Explanation) -> list[Rival]:
 def _fitted(search: Search, chosen: Explanation) -> set[Key]:
     """Fit what could stand in the place of the chosen effects, as long as it comes near; the candidates whose
     sensitivities lie in their span."""
-    near = replace(search, sight=NEAR)
+    near = search.near(chosen)
     for member in chosen.members:
         base = search.without(chosen, member)
         floor = base.fit.chi2 - chosen.fit.chi2

@@ -18,7 +18,7 @@ from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import choose_steps, inverted, with_values
 from simgap.diagnosis.simulation.step_length import resolved
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import BIC_GAIN, COLLINEAR, OUT_OF_SIGHT, WIDTH
+from simgap.diagnosis.thresholds import BIC_GAIN, COLLINEAR, NEAR, OUT_OF_SIGHT, WIDTH
 from simgap.notation import joined
 
 SAME, SAME_PROMISE = 0.1, 1e-5
@@ -62,8 +62,9 @@ class Explanation:
 class Search:
     """One search over one problem: everything that is tried is fitted once and kept.
 
-    Once a set has reached the noise, a fit that stays `sight` times its chi^2 by its own linear problems is given up,
-    and no other start of that set is tried. One from another start of a set is given up where it promises no lower end.
+    A fit that stays above `limit` by its own linear problems, or `OUT_OF_SIGHT` times the chi^2 of a set that has
+    reached the noise, is given up, and no other start of that set is tried. One from another start of a set is given up
+    where it promises no lower end.
     """
 
     problem: Problem
@@ -76,7 +77,7 @@ class Search:
     unseen: dict[frozenset[Key], frozenset[Key]] = field(default_factory=dict)
     ends: dict[tuple[tuple[int, ...], bytes, bytes], tuple[Fit, dict[int, float]]] = field(default_factory=dict)
     watch: Watch = field(default_factory=Watch)
-    sight: float = OUT_OF_SIGHT
+    limit: float = math.inf
 
     def empty(self, base: Fit) -> Explanation:
         """The model as declared."""
@@ -102,10 +103,14 @@ class Search:
                 found = self._from_contained(base, start) or found
         return found
 
+    def near(self, known: Explanation) -> Search:
+        """The same search for what is to come near a set: no other fit is ended."""
+        return replace(self, limit=min(self.limit, NEAR * known.fit.chi2))
+
     def _in_sight(self) -> float:
-        """The largest chi^2 that serves: `sight` times the least that reached the noise."""
+        """The largest chi^2 that serves."""
         reached = (e.fit.chi2 for e in self.tried.values() if e.physical and self.reached(e))
-        return self.sight * min(reached, default=math.inf)
+        return min(self.limit, OUT_OF_SIGHT * min(reached, default=math.inf))
 
     def _from_contained(self, base: Explanation, s: Score) -> Explanation | None:
         """Fit from where the effect that a candidate contains ends, at a start's other numbers; None without.
@@ -146,12 +151,12 @@ class Search:
 
     def refined(self, base: Explanation) -> list[Explanation]:
         """The base with an effect that contains one of its own in that one's place, fitted, physical ones only."""
-        found = []
+        found, near = [], self.near(base)
         for member in base.members:
             finer = {c.key for c, _ in self.starts.items if _contained(c) == member.key} - base.keys
             if finer:
                 rest = self.without(base, member)
-                found += [self.extend(rest, s) for s in self.ranked(rest) if s.candidate.key in finer]
+                found += [near.extend(rest, s) for s in self.ranked(rest) if s.candidate.key in finer]
         return [e for e in found if e.physical]
 
     def _key(self, members: tuple[Candidate, ...], theta: Floats) -> tuple[frozenset[Key], tuple[float, ...]]:

@@ -15,8 +15,7 @@ import numpy as np
 from simgap.arrays import Floats, Ints
 from simgap.diagnosis.record.folds import Windows, left_out, past_the_unknown
 from simgap.diagnosis.record.record import Record
-from simgap.diagnosis.simulation.colour import Colour, whiten
-from simgap.diagnosis.simulation.gross_errors import limited
+from simgap.diagnosis.simulation.noise_law import Colour, limited, whiten
 from simgap.diagnosis.simulation.past import measured_link, measured_speeds, memories, twists, twists_by_torque
 from simgap.diagnosis.simulation.simulate import simulate
 from simgap.diagnosis.simulation.supermodel import SuperModel

@@ -14,8 +14,8 @@ import numpy as np
 
 from simgap.arrays import Bools, Floats, Ints
 from simgap.diagnosis.record.record import MIN_SAMPLES
-from simgap.diagnosis.simulation.gross_errors import are_gross
 from simgap.diagnosis.simulation.initial import at_rest, initial_states
+from simgap.diagnosis.simulation.noise_law import are_gross
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import chunks, state_columns, state_steps
 from simgap.diagnosis.thresholds import NEAR

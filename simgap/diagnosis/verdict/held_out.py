@@ -17,8 +17,8 @@ from simgap.diagnosis.record.folds import LOOK_BACK_SAMPLES, Windows, merged
 from simgap.diagnosis.result import Concentrated, Judged, Stretches
 from simgap.diagnosis.search.confidence import at_noise, chi2_dof
 from simgap.diagnosis.search.fit import Fit, fit
-from simgap.diagnosis.simulation.gross_errors import are_gross, limited
 from simgap.diagnosis.simulation.initial import initial_states
+from simgap.diagnosis.simulation.noise_law import are_gross, limited
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import state_steps
 from simgap.diagnosis.thresholds import A_FEW, MOST

@@ -29,7 +29,7 @@ from simgap.diagnosis.search.confidence import (
 )
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
-from simgap.diagnosis.search.leaps import fit_larger
+from simgap.diagnosis.search.selection import fit_larger
 from simgap.diagnosis.simulation.coarse import JUDGED_ROWS, coarse
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.supermodel import Candidate
@@ -210,7 +210,7 @@ def transferable(
         parts: from `trials`; h: how far ahead is predicted, s; most: number of effects that are tried anyhow; largest:
             number of them where each one more took most of what was left away.
     """
-    wider = rescaled(search, best)
+    wider = rescaled(search, best).near(best)
     wider.joined(wider.empty(base))
     for size in range(1, most + 1):  # a wider look than the greedy path: the right set need not fit best
         for e in wider.sound(size)[:1]:
