@@ -99,7 +99,7 @@ def conclude(
         windows=tuple(windows),
         nearest=short,
         left_over=left,
-        concentrated=concentrated(confirm, names, new),
+        concentrated=concentrated(confirm, names, old, new),
         recording=(*faults, *push_faults(parts.left_out, known, names), *fitted, *noise_faults(known)),
         steps=path,
     )

@@ -208,10 +208,19 @@ class LeftOver:
 
 @dataclass(frozen=True)
 class Concentrated:
-    """Where a small part of the time on *confirm* carries most of the squared error that is left, and its share."""
+    """Where a small part of the time on *confirm* carries most of the squared error that is left.
+
+    Attributes:
+        stretches: the places; error_share: of the squared error there.
+        excess_share_without: excess of E(h) after over before, each without what overlaps as many of its own worst.
+        median_before, median_after: state -> median of the errors h ahead, all of them.
+    """
 
     stretches: Stretches
     error_share: float
+    excess_share_without: float
+    median_before: Mapping[str, float]
+    median_after: Mapping[str, float]
 
 
 Stretches = tuple[tuple[str, float, float], ...]

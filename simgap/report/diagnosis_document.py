@@ -144,6 +144,8 @@ def _concentrated(c: result.Concentrated | None) -> dict[str, Any] | None:
     return {
         "stretches": [{"trace": t, "from": a, "to": b} for t, a, b in c.stretches],
         "error_share": c.error_share,
+        "explained_share_without": 1.0 - c.excess_share_without,
+        "median": {"before": c.median_before, "after": c.median_after},
     }
 
 

@@ -1,4 +1,4 @@
-"""Where a small part of the time carries most of the error, the answer says where."""
+"""Where a small part of the time carries most of the error, the answer says where, and what it is worth without it."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def _run(seed: int, push: float, seconds: float) -> Trace:
 
 
 @pytest.mark.parametrize("push", [20.0, 0.0])
-def test_a_push_is_located(push):
+def test_a_push_is_located_and_judged_without(push):
     traces = (_run(1, 0.0, 6.0), _run(2, 0.0, 6.0), _run(3, push, 30.0))
     settings = DiagnosisSettings(noise={"q": 1e-3}, effects=("viscous_friction", "spring"), held_out_traces=("run3",))
     d = diagnose(block(), Record(traces, ("q",), ("u",)), settings)
@@ -55,6 +55,9 @@ def test_a_push_is_located(push):
     assert end > PUSHED[0] - DT
     assert PUSHED[0] - 0.4 < begin < end < PUSHED[1] + 0.4
     assert d.concentrated.error_share >= 0.5
+    assert d.concentrated.excess_share_without < 0.1
+    # noise alone: the median of the size of a Gaussian's draws is 0.674 of its standard deviation
+    assert d.concentrated.median_after["q"] == pytest.approx(0.674 * d.floor.horizon_rmse["q"], rel=0.25)
 
 
 @pytest.mark.parametrize("shape", ["gaussian", "sine"])
@@ -65,10 +68,16 @@ def test_an_error_that_is_spread_is_not_in_one_place(shape):
     ahead = HorizonError(30 * size[:, None], 10 * at, 10 * at + 50, lambda: np.array([1e-3]))
     held = SimpleNamespace(at_noise=False, horizon=ahead)
     confirm = SimpleNamespace(sigma=np.ones(1))
-    assert concentrated(confirm, ["a"], held) is None
+    assert concentrated(confirm, ["a"], held, held) is None
 
 
 def test_the_sentence_says_where():
-    place = {"stretches": [{"trace": "run2", "from": 4.1, "to": 4.3}], "error_share": 0.62}
+    place = {
+        "stretches": [{"trace": "run2", "from": 4.1, "to": 4.3}],
+        "error_share": 0.62,
+        "explained_share_without": 0.93,
+    }
     text = said({"verdict": "unexplained", "effects": [], "candidates": [], "concentrated": place})
-    assert text.endswith("62 % of what is left lies at 4.1 to 4.3 s of run2 (a push?).")
+    assert text.endswith(
+        "62 % of what is left lies at 4.1 to 4.3 s of run2 (a push?); without them the effects explain 93 %."
+    )

@@ -12,7 +12,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from simgap.arrays import Floats, Ints
+from simgap.arrays import Bools, Floats, Ints
 from simgap.diagnosis.record.folds import LOOK_BACK_SAMPLES, Windows, merged
 from simgap.diagnosis.result import Concentrated, Judged, Stretches
 from simgap.diagnosis.search.confidence import at_noise, chi2_dof
@@ -225,33 +225,55 @@ def _floor(at: Problem, whole: Problem, theta: Floats, start: Floats) -> Floats:
     return np.asarray(np.sqrt(np.mean(variance, axis=0)) * at.sigma)
 
 
-def concentrated(confirm: Problem, names: Sequence[str], left: HeldOut) -> Concentrated | None:
+def concentrated(confirm: Problem, names: Sequence[str], old: HeldOut, new: HeldOut) -> Concentrated | None:
     """Where a small part of the predictions on *confirm* carries most of the squared error that is left.
 
     Args:
         confirm: the problem; names: of its traces.
-        left: errors of the model that is judged.
+        old, new: errors of the declared model and of the one that is judged.
 
     Returns:
         None where nothing is above the noise, predictions are few, or the error is spread over the time.
     """
-    ahead = left.horizon
-    if left.at_noise or ahead is None or A_FEW * len(ahead.error) < 1.0:
+    before, after = old.horizon, new.horizon
+    if new.at_noise or before is None or after is None or A_FEW * len(after.error) < 1.0:
         return None
-    size = np.mean((ahead.error / confirm.sigma) ** 2, axis=1)
-    order = np.argsort(-size)
-    carried = np.cumsum(size[order]) / np.sum(size[order])
+    size = [np.mean((h.error / confirm.sigma) ** 2, axis=1) for h in (before, after)]
+    largest = np.sort(size[1])[::-1]
+    carried = np.cumsum(largest) / np.sum(largest)
     count = int(np.searchsorted(carried, MOST)) + 1
-    if count > A_FEW * len(size):
+    if count > A_FEW * len(largest):
         return None
-    return Concentrated(_places(confirm, names, ahead, order[:count]), float(carried[count - 1]))
+    # of each model its own worst predictions: to leave out where one misses would flatter it
+    worst = [np.isin(np.arange(len(s)), np.argsort(-s)[:count]) for s in size]
+    rest = [~_touched(h, bad) for h, bad in zip((before, after), worst, strict=True)]
+    if not all(r.any() for r in rest):
+        return None
+    was, now = (_excess(h, r, after.floor, confirm.sigma) for h, r in zip((before, after), rest, strict=True))
+    share, medians = math.sqrt(now / was) if was > 0.0 else 1.0, (_median(before, confirm), _median(after, confirm))
+    return Concentrated(_places(confirm, names, after, worst[1]), float(carried[count - 1]), share, *medians)
 
 
-def _places(confirm: Problem, names: Sequence[str], ahead: HorizonError, bad: Ints) -> Stretches:
+def _touched(h: HorizonError, bad: Bools) -> Bools:
+    """Predictions that overlap a bad one."""
+    spans = zip(h.begin[bad], h.end[bad], strict=True)
+    return np.any([(h.begin <= b) & (h.end >= a) for a, b in spans], axis=0)
+
+
+def _excess(h: HorizonError, which: Bools, floor: Floats, sigma: Floats) -> float:
+    """Mean square above the floor, of some of the predictions, in units of the noise."""
+    return float(np.mean(np.maximum(np.mean(h.error[which] ** 2, axis=0) - floor**2, 0.0) / sigma**2))
+
+
+def _median(h: HorizonError, confirm: Problem) -> dict[str, float]:
+    return dict(zip(confirm.model.measured, map(float, np.median(np.abs(h.error), axis=0)), strict=True))
+
+
+def _places(confirm: Problem, names: Sequence[str], after: HorizonError, bad: Bools) -> Stretches:
     """What most of the bad predictions around have in common, as stretches of time."""
     change = np.zeros(len(confirm.t) + 1)
-    np.add.at(change, ahead.begin[bad], 1.0)
-    np.add.at(change, ahead.end[bad] + 1, -1.0)
+    np.add.at(change, after.begin[bad], 1.0)
+    np.add.at(change, after.end[bad] + 1, -1.0)
     cover = np.cumsum(change)[:-1]
     out, k = [], 0
     while k < len(cover):

@@ -82,12 +82,14 @@ def _begun(text: str) -> str:
 
 
 def _where(c: Mapping[str, Any] | None) -> str:
-    """The places that carry most of the error."""
+    """The places that carry most of the error, and what the answer is worth without them."""
     if c is None:
         return ""
     spans = [f"{from_to(s['from'], s['to'])} of {s['trace']}" for s in c["stretches"]]
     where = joined(spans if len(spans) <= 3 else [*spans[:3], f"{len(spans) - 3} more"])
-    return f"{100 * c['error_share']:.0f} % of what is left lies at {where} (a push?)."
+    share = min(max(c["explained_share_without"], 0.0), 1.0)
+    without = f"; without them the effects explain {100 * share:.0f} %" if share > 0.0 else ""
+    return f"{100 * c['error_share']:.0f} % of what is left lies at {where} (a push?){without}."
 
 
 def _doubt(effect: Mapping[str, Any]) -> str:
