@@ -77,6 +77,14 @@ def test_excitation_that_says_too_little():
     assert any("one direction only" in w for w in one_way.warnings)
 
 
+def test_an_input_at_its_limit():
+    t, q, v, u = motion()
+    seen = look(t, q, v, np.clip(u, -1.0, 1.0))
+    assert seen.channels[-1].at_limit == pytest.approx(np.mean(np.abs(u) >= 1.0), abs=0.01)
+    assert any("sits at its extreme" in w for w in seen.warnings)
+    assert look(t, q, v, np.sign(u)).channels[-1].at_limit == 0.0  # bang-bang has no limit to speak of
+
+
 def test_a_stuck_tail_and_a_hanging_sensor():
     t, q, v, u = motion()
     rng = np.random.default_rng(5)

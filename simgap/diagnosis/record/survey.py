@@ -68,6 +68,20 @@ def frozen_stretches(record: Record, still: tuple[Stretch, ...]) -> tuple[Stretc
     return tuple(found)
 
 
+def at_limit(u: Floats) -> float:
+    """Share of samples (n,) held at the lowest or highest value.
+
+    A sample counts when a neighbour is at the same extreme; inputs of few levels (bang-bang, steps) have no limit.
+    """
+    lo, hi = float(u.min()), float(u.max())
+    levels = np.unique(u[:: max(1, u.size // 20000)])
+    if hi == lo or levels.size <= 8:
+        return 0.0
+    slack = 1e-6 * (hi - lo)
+    held = [b - a for side in (u <= lo + slack, u >= hi - slack) for a, b in runs(side)]
+    return sum(n for n in held if n >= SEVERAL) / u.size
+
+
 @dataclass(frozen=True)
 class TraceLook:
     """Timing of a trace: samples, seconds, median rate (Hz), spread of intervals without lost rows, longest one (s)."""
@@ -91,6 +105,7 @@ class ChannelLook:
     rms: float
     noise: float | None
     resolution: float
+    at_limit: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -130,6 +145,7 @@ def survey(record: Record, model: SymbolicModel, noise: Mapping[str, float] | No
     traces = tuple(_timing(record))
     warnings = (
         *_excitation(record, model),
+        *_limits(channels),
         *_lag_words(lags, traces),
         *_still_words(still, frozen, sum(t.duration_s for t in traces)),
     )
@@ -148,7 +164,7 @@ def _looks(record: Record, model: SymbolicModel, sigma: Floats, quantum: Floats)
     read, put = (np.concatenate([getattr(trace, n) for trace in record.traces]) for n in ("y", "u"))
     for k, (name, x) in enumerate(zip((*record.measured, *record.inputs), (*read.T, *put.T), strict=True)):
         range_ = float(x.min()), float(x.max()), float(np.sqrt(np.mean(x**2)))
-        own = (float(sigma[k]), float(quantum[k])) if k < len(sigma) else (None, 0.0)
+        own = (float(sigma[k]), float(quantum[k])) if k < len(sigma) else (None, 0.0, at_limit(x))
         yield ChannelLook(name, model.units[name], *range_, *own)
 
 
@@ -192,6 +208,16 @@ def _motion(record: Record, model: SymbolicModel, c: Coordinate) -> Iterator[str
 
 def _has_sine(model: SymbolicModel, name: str) -> bool:
     return any(symbol(name) in f.free_symbols for e in model.xdot for f in sp.sympify(e).atoms(sp.sin, sp.cos))
+
+
+def _limits(channels: tuple[ChannelLook, ...]) -> Iterator[str]:
+    for c in channels:
+        if c.at_limit > A_FEW:
+            yield (
+                f"input {c.name} sits at its extreme {100 * c.at_limit:.0f} % of the time "
+                f"({c.lowest:.3g} to {c.highest:.3g} {c.unit}): if this is a command that a drive then limits, "
+                f"the plant felt less"
+            )
 
 
 def _lag_words(lags: tuple[VelocityLag, ...], traces: tuple[TraceLook, ...]) -> Iterator[str]:
