@@ -196,6 +196,13 @@ def test_profile_limit_covers_about_as_often_as_it_says():
     assert hits >= 33  # 95 % of 40 is 38; 33 is more than three standard deviations below
 
 
+def test_slopes_that_differ_by_rounding_alone_are_given_no_law():
+    plane = on_grid(lambda x, u: 10.0 + 0.002 * x, eps=0.05)
+    row = dimension_lipschitz(plane.dimension(0), gap_section()).estimates[-1]
+    assert row.note == "all blocks agree"
+    assert row.value == pytest.approx(0.002)
+
+
 def test_the_spacing_limit_lies_beyond_the_largest_slope():
     rng = np.random.default_rng(6)
     a = X.sample(rng, 5000)
