@@ -54,11 +54,10 @@ def read_gap(rng: random.Random, folder: Path) -> None:
 @cache
 def _gaps() -> tuple[str, ...]:
     """One bound of each kind, as JSON."""
-    from simgap.gap.bounds.basis import Basis, make_form
     from simgap.gap.bounds.body_frame import BodyFrameGap
     from simgap.gap.bounds.cells import CellGap
     from simgap.gap.bounds.function import GapDomain, Tier
-    from simgap.gap.bounds.linear import LinearGap
+    from simgap.gap.bounds.linear import Basis, LinearGap, make_form
     from simgap.geometry import Box
 
     box, inputs, tiers = Box([-1.0, -2.0], [1.0, 2.0]), np.array([[-1.0], [0.0], [1.0]]), (Tier(1, "It holds."),)

@@ -21,11 +21,10 @@ from numpy.typing import NDArray
 from simgap import reading
 from simgap.arrays import Floats, Ints
 from simgap.errors import UserError, placed
-from simgap.gap.bounds.basis import Form
 from simgap.gap.bounds.body_frame import BodyFrameGap
-from simgap.gap.bounds.closed_form import ClosedFormGap
+from simgap.gap.bounds.enclosures import ClosedFormGap
 from simgap.gap.bounds.function import GapFunction
-from simgap.gap.bounds.linear import LinearGap
+from simgap.gap.bounds.linear import Form, LinearGap
 from simgap.gap.sampling.points import own_point, remembers
 from simgap.gap.sampling.samples import known_gap
 from simgap.geometry import Box

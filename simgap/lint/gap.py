@@ -49,7 +49,7 @@ def refuse_basis(context: Context) -> None:
     section = context.case.gap
     if section is None or section.bound not in ("scenario", "conformal") or context.case.domain is None:
         return
-    from simgap.gap.bounds.basis import widened
+    from simgap.gap.bounds.linear import widened
     from simgap.gap.fitting.linear_fit import listed_basis  # takes a second: only paid by cases that get this far
 
     with placed(key="gap.basis"):

@@ -18,7 +18,7 @@ from simgap.config.gap import GapSection, LipschitzSection
 from simgap.errors import UserError
 from simgap.extras.certify import Certified, prefix, write_certificate
 from simgap.gap.bases import Expressions
-from simgap.gap.bounds.closed_form import ClosedFormGap
+from simgap.gap.bounds.enclosures import ClosedFormGap
 from simgap.geometry import Box, Grid
 from simgap.model.expressions import parse
 from simgap.model.sampled import NominalModel

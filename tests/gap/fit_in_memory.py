@@ -7,7 +7,7 @@ from functools import cached_property
 
 from simgap.arrays import Floats
 from simgap.config.gap import GapSection
-from simgap.gap.bounds.closed_form import ClosedFormGap
+from simgap.gap.bounds.enclosures import ClosedFormGap
 from simgap.gap.fitting.bound_fit import GapResult, assemble, check_resolved, fit_dimension
 from simgap.gap.fitting.dimension_fit import Calibration
 from simgap.gap.lipschitz.estimates import dimension_lipschitz

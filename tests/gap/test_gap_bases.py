@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from simgap.errors import UserError
 from simgap.gap.bases import Blocks, Expressions, Monomials, Trigonometric
-from simgap.gap.bounds.basis import Basis, make_form, supremum
+from simgap.gap.bounds.linear import Basis, make_form, supremum
 from tests.gap.gap_examples import PAPER, U, X
 
 NAMES = (("x1", "x2"), ("u",))

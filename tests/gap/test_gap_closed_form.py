@@ -8,7 +8,7 @@ import pytest
 import sympy as sp
 
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.bounds.closed_form import ClosedFormGap
+from simgap.gap.bounds.enclosures import ClosedFormGap
 from simgap.geometry import Box, Grid
 from simgap.model.expressions import parse
 from simgap.model.sampled import NominalModel

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from simgap.errors import UserError
-from simgap.gap.bounds.basis import Basis, make_form
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.cells import CellGap
 from simgap.gap.bounds.function import GapDomain, Tier
-from simgap.gap.bounds.linear import LinearGap
+from simgap.gap.bounds.linear import Basis, LinearGap, make_form
 from simgap.geometry import Box
 from simgap.io.gap_file import load_gap
 from simgap.io.results import write_json

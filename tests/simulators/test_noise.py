@@ -10,8 +10,7 @@ from simgap.errors import BrokenPromise, UserError
 from simgap.gap.noise import NoiseStatement, alpha_of_run, draws_at, statement_of
 from simgap.lint.gap import find_noise
 from simgap.plants.context import Context
-from simgap.simulators.noise import TOGETHER
-from simgap.simulators.rollouts import make_simulator, roll_out, roll_out_alike, roll_out_range
+from simgap.simulators.rollouts import TOGETHER, make_simulator, roll_out, roll_out_alike, roll_out_range
 from simgap.specifications.base import Outcome, Run, Verdict
 from simgap.stages import validation
 from simgap.statistics import fewest_draws

@@ -28,7 +28,7 @@ from simgap.gap.bounds.function import (
 )
 from simgap.geometry import mesh
 from simgap.late import njit
-from simgap.model.kernel_cache import cached_kernel
+from simgap.model.compile import cached_kernel
 
 _SLACK = 1.0 + 2.0**-48  # outward rounding of the few operations of a bound
 

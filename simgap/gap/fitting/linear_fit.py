@@ -18,9 +18,8 @@ from simgap.arrays import Floats
 from simgap.config.gap import BasisSection, GapSection
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bases import Expressions
-from simgap.gap.bounds.basis import Basis, Form, make_form, negated
 from simgap.gap.bounds.function import Tier
-from simgap.gap.bounds.linear import LinearGap
+from simgap.gap.bounds.linear import Basis, Form, LinearGap, make_form, negated
 from simgap.gap.fitting.acceptance import remedy
 from simgap.gap.fitting.dimension_fit import BoundInputs, DimensionFit, Sides, guarantee
 from simgap.gap.fitting.padding import SideFit, SideProblem, fit_side, padded
