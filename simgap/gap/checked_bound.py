@@ -64,11 +64,6 @@ FINER = (
     "Use a finer grid, a smaller eps or half-widths (`simgap refine` says along which states), or set "
     "gap.tolerated_probability."
 )
-WIDER = (
-    "A conformal bound leaves out up to gap.conformal.miscoverage of the random samples: lower that, or set "
-    "gap.tolerated_probability further above it."
-)
-
 MORE_DRAWS = (
     "More fresh samples (gap.fresh_samples) confirm a smaller share; if they do not, the quantiles of the noise change "
     "more between samples than their extremes do: use a finer grid, or a smaller gap.noise.alpha."
@@ -81,7 +76,7 @@ class Made:
 
     Attributes:
         points: the grid. scp, lipschitz: saved results by state. shards: roll-outs, for pictures.
-        fresh: samples that no fit has seen. calibration: samples of a conformal bound.
+        fresh: samples that no fit has seen.
         borders: samples on borders and beside switching surfaces; a case with hidden state has none.
     """
 
@@ -90,7 +85,6 @@ class Made:
     lipschitz: Mapping[str, Mapping[str, Any]]
     shards: Sequence[Columns]
     fresh: Columns
-    calibration: Columns | None = None
     borders: Columns | None = None
 
 
@@ -120,8 +114,7 @@ def gap(context: Context, made: Made) -> Bound:
     noise = statement_of(context.case, where.size)
     check = _fresh_check(context, made.fresh, section, result.function, noise)
     beside = border_check(context, made.points.name, made.borders or {}, result.function)
-    if section.bound != "conformal":
-        none_outside(beside)
+    none_outside(beside)
     tiers = confirmed(result.function.tiers, check)
     if noise is not None:
         tiers = [Tier(1, noise.of_step), *(tier for tier in result.function.tiers if tier.level != 1)]
@@ -141,10 +134,9 @@ def _assembled(
     context: Context, made: Made, section: GapSection, where: SampleGrid
 ) -> tuple[GapResult, list[Tier]]:  # fmt: skip
     """The bound before it is checked, and statements on what was added to it: a staircase, a symmetry's deviation."""
-    names, step = context.states, context.plant.sampled.step
+    names = context.states
     fits = [read_back(fit_from_json, made.scp[n]) for n in names]
     known = [read_back(DimensionLipschitz.from_json, made.lipschitz[n]) for n in names]
-    drawn = gap_ends(step, made.calibration, names, context.inputs)[:3] if made.calibration else None
     if made.borders is None:
         raise UserError(NO_BORDERS, remedy=MAKE_BORDERS)
     directed = tuple(directed_samples(context, made.points.name, made.borders, i) for i in range(len(names)))
@@ -157,7 +149,7 @@ def _assembled(
     if shifts is not None:
         added.append(shifts.largest)
         tiers.append(shifts.tier(names))
-    return assemble(where, section, fits, known, drawn, directed, np.sum(added, axis=0) if added else None), tiers
+    return assemble(where, section, fits, known, directed, np.sum(added, axis=0) if added else None), tiers
 
 
 def _fresh_check(
@@ -172,10 +164,7 @@ def _fresh_check(
     x, u, d, _ = gap_ends(context.plant.sampled.step, fresh, context.states, context.inputs)
     check_drawn(context, x, u)
     check = check_fresh(function, x, u, d, section.confidence)
-    if noise is not None:
-        tolerate(check, noise.alpha, MORE_DRAWS)
-    else:
-        tolerate(check, section.tolerated_probability, WIDER if section.bound == "conformal" else FINER)
+    tolerate(check, *((section.tolerated_probability, FINER) if noise is None else (noise.alpha, MORE_DRAWS)))
     return check
 
 
@@ -200,8 +189,7 @@ def seeds(context: Context) -> dict[str, int]:
     if hidden is not None:
         return {"histories": hidden.seed, "fresh": hidden.fresh_seed}
     section = context.need(section, "gap")
-    drawn = {"calibration": section.conformal.seed} if section.bound == "conformal" else {}
-    return {"fresh": section.seed, "fit": section.seed} | drawn
+    return {"fresh": section.seed, "fit": section.seed}
 
 
 def _thinned(context: Context, step: Step, count: int, shards: Sequence[Columns]) -> dict[str, Floats]:

@@ -118,32 +118,6 @@ def test_hidden_states_spread_the_gap():
     assert check_fresh(function, x, u, d + 2e-3).violations == len(x)
 
 
-def test_conformal_covers_a_random_sample_as_often_as_stated():
-    samples = on_grid(coulomb)
-    settings = gap_section(basis=Expressions(terms=PAPER), bound="conformal", miscoverage=0.05, extreme_value=False)
-    outside = []
-    for seed in range(5):
-        calibration = off_grid(coulomb, 2000, seed=seed)
-        function = fit_gap(samples, settings, calibration).function
-        outside.append(check_fresh(function, *off_grid(coulomb, 20_000, seed=100 + seed)).violations / 20_000)
-    assert np.mean(outside) == pytest.approx(0.05, abs=0.01)
-    assert "not a bound for every state" in function.tiers[0].text
-    with pytest.raises(UserError, match=r"random samples of its own.*simgap calibration"):
-        fit_gap(samples, settings)
-
-
-def test_conformal_needs_enough_samples():
-    settings = gap_section(bound="conformal", miscoverage=0.001)
-    with pytest.raises(UserError, match="too few"):
-        fit_gap(on_grid(smooth), settings, off_grid(smooth, 500))
-
-
-def test_conformal_refuses_a_gap_that_hidden_states_spread():
-    spread = on_grid(smooth, d_upper=on_grid(smooth).d + 1e-3)
-    with pytest.raises(UserError, match="hidden states"):
-        fit_gap(spread, gap_section(bound="conformal"), off_grid(smooth, 500))
-
-
 def test_free_axes():
     """A gap that is declared not to depend on x1 is sampled in one cell along it and holds for all x1."""
     from simgap.geometry import Grid

@@ -37,9 +37,6 @@ def test_a_kind_with_options():
         ({"basis": ["1"], "bound": "x"}, "bound"),
         ({"basis": ["1"], "fresh_samples": 0}, "fresh_samples"),
         ({"basis": ["1"], "colour": "red"}, "colour"),
-        ({"basis": ["1"], "bound": "conformal"}, "tolerated_probability above that, such as 0.012; it is 0"),
-        ({"basis": ["1"], "bound": "conformal", "tolerated_probability": 0.01}, "tolerated_probability above"),
-        ({"basis": ["1"], "bound": "conformal", "tolerated_probability": 0.02, "seed": 3}, "both 3"),
     ],
 )
 def test_mistakes(content, says):

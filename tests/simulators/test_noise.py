@@ -132,8 +132,6 @@ REFUSED = {
     "proven": ({"simulator": EQUATIONS | {"slopes": "enclosed", "noise": BOTH}}, "say slopes: sampled"),
     "lag": ({"simulator": EQUATIONS | {"noise": BOTH, "effects": [
         {"name": "input_delay", "on": "F", "parameters": {"delay": 0.004}}]}}, "simulator.effects"),
-    "conformal": ({"simulator": EQUATIONS | {"noise": BOTH},
-                   **grid(bound="conformal", tolerated_probability=0.1)}, "say bound: scenario"),
     "symmetry": ({"simulator": EQUATIONS | {"noise": BOTH}, "grid": {"half_widths": {"v": 0.25}},
                   "symmetry": {"group": "translation", "along": ["x"], "tolerance": {}}}, "symmetry is not supported"),
     "twin": ({"simulator": EQUATIONS | {"noise": BOTH}, "twin": {"of": EQUATIONS}}, "twin is not supported"),

@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 import yaml
 
-from simgap.cli import main
-from simgap.errors import UserError
 from simgap.gap.bounds.load import from_json
-from simgap.io.results import read_json, read_parquet
-from simgap.stages import calibration, fresh, synthesis, validation
+from simgap.io.results import read_json
+from simgap.stages import fresh, synthesis, validation
 from tests.stages import road
 
 SMALL = {
@@ -19,8 +17,6 @@ SMALL = {
     "validation": {"starts": 10, "steps": 100, "seed": 1},
 }  # fmt: skip
 BOUNDS = {
-    "conformal": {"bound": "conformal", "tolerated_probability": 0.04,
-                  "conformal": {"miscoverage": 0.02, "calibration_samples": 3000}},
     "envelope": {"bound": "envelope"},
 }  # fmt: skip
 
@@ -37,7 +33,7 @@ def results(folder, root):
     case["plant"]["urdf"] = str(root / "configs/models/pendulum.urdf")
     case |= SMALL
     del case["measured"]
-    checked, drawn = (folder / f"{n}.parquet" for n in ("fresh", "calibration"))
+    checked = folder / "fresh.parquet"
     found = {}
     for name, section in BOUNDS.items():
         path = folder / f"{name}.yaml"
@@ -45,9 +41,8 @@ def results(folder, root):
         if not found:
             shards = road.roll_out(path, folder)
             fresh.run(path, checked, workers=1)
-            calibration.run(path, drawn, workers=1)
         bound, made, judged = (folder / f"{name}.{end}" for end in ("gap", "npz", "validation"))
-        road.bound(path, folder, shards, checked, bound, drawn if name == "conformal" else None)
+        road.bound(path, folder, shards, checked, bound)
         synthesis.run(path, bound, made, folder / "synthesis.json", 1)
         validation.run(path, made, made, bound, judged, folder / "traces", 1)
         found[name] = read_json(bound), read_json(judged)
@@ -63,18 +58,10 @@ def test_from_the_case_to_the_closed_loop(results, folder, name):
     tally = judged["controllers"]["gap"]["simulator"]
     assert tally["runs_that_violated_it"] == 0
     assert all(0.0 < d["mean_width"] <= d["sup_width"] * (1 + 1e-6) for d in found["dimensions"])
-    if name == "conformal":
-        assert 0.005 < share < 0.04
-        assert tiers == [2, 3, 3, 3]
-        assert "at least 98 % (3,000 calibration samples" in text
-        assert tally["steps_outside_gamma"] <= 0.04 * tally["steps"]
-        drawn, checked = (read_parquet(folder / f"{n}.parquet") for n in ("calibration", "fresh"))
-        assert not set(drawn.column("x1").to_pylist()) & set(checked.column("x1").to_pylist())
-    else:
-        assert share == 0.0
-        assert tiers == [1, 2, 3, 3]
-        assert "estimates" in text
-        assert tally["steps_outside_gamma"] == 0
+    assert share == 0.0
+    assert tiers == [1, 2, 3, 3]
+    assert "estimates" in text
+    assert tally["steps_outside_gamma"] == 0
 
 
 def test_the_mean_width_of_an_envelope_is_that_between_its_nodes(results):
@@ -87,16 +74,3 @@ def test_the_mean_width_of_an_envelope_is_that_between_its_nodes(results):
     nodes = np.stack([np.array(found["nodes"][s])[:3] for s in ("x1", "x2")], axis=1)
     lo, hi = function.bounds(nodes, np.full((3, 1), 0.4))
     assert (hi - lo).max() < 1e-14
-
-
-def test_a_conformal_case_says_what_it_needs(vary, tmp_path, capsys):
-    path = vary("pendulum", {"gap.bound": "conformal"})
-    with pytest.raises(SystemExit) as caught:
-        main(["fresh", str(path), "--out", str(tmp_path / "x.parquet"), "--log", str(tmp_path / "l")])
-    assert caught.value.code == 2
-    (line,) = capsys.readouterr().err.strip().splitlines()
-    assert str(path) in line
-    assert "tolerated_probability above that, such as 0.012; it is 0" in line
-    robot = vary("turtlebot", {"gap": {"basis": ["1"], "bound": "conformal", "tolerated_probability": 0.02}})
-    with pytest.raises(UserError, match=r"hidden_state.*no conformal bound"):
-        calibration.run(robot, tmp_path / "y.parquet")

@@ -15,8 +15,8 @@ from simgap.gap.bases import Blocks
 from simgap.gap.bounds.function import GapFunction
 from simgap.gap.fitting.acceptance import remedy
 from simgap.gap.fitting.cell_fit import BlockFit, NodeFit
-from simgap.gap.fitting.dimension_fit import BoundInputs, Calibration, DimensionFit, Sides
-from simgap.gap.fitting.linear_fit import CentreFit, LinearFit
+from simgap.gap.fitting.dimension_fit import BoundInputs, DimensionFit, Sides
+from simgap.gap.fitting.linear_fit import LinearFit
 from simgap.gap.json_record import JsonRecord
 from simgap.gap.lipschitz.grid import DimensionLipschitz, GridLipschitz, LipschitzRow
 from simgap.gap.sampling.borders import Directed
@@ -27,7 +27,6 @@ FITS: Mapping[str, type[DimensionFit]] = {
     "linear": LinearFit,
     "blocks": BlockFit,
     "envelope": NodeFit,
-    "centre": CentreFit,
 }
 
 
@@ -38,7 +37,7 @@ def fit_dimension(samples: DimensionSamples, settings: GapSection) -> DimensionF
         UserError: for settings that do not fit the samples.
     """
     scenario = "blocks" if isinstance(settings.basis, Blocks) else "linear"
-    form = {"conformal": "centre", "envelope": "envelope", "scenario": scenario}.get(settings.bound, "linear")
+    form = {"envelope": "envelope", "scenario": scenario}.get(settings.bound, "linear")
     return FITS[form].of(samples, settings)
 
 
@@ -89,20 +88,20 @@ class GapResult:
 
 def assemble(
     where: SampleGrid, settings: GapSection, fits: Sequence[DimensionFit], lipschitz: Sequence[DimensionLipschitz],
-    calibration: Calibration | None = None, directed: Sequence[Directed] = (), deviation: Floats | None = None,
+    directed: Sequence[Directed] = (), deviation: Floats | None = None,
 ) -> GapResult:  # fmt: skip
     """The gap function of all dimensions, padded; `directed` are those samples of each dimension, for an envelope.
 
     `deviation`, (nx,), is added on both sides: by how much a declared symmetry does not hold, and its staircase.
 
     Raises:
-        UserError: fits of different kinds, or a conformal bound without calibration samples.
+        UserError: fits of different kinds.
         BrokenPromise: when the grid does not resolve the gap or a residual.
     """
     if len({type(fit) for fit in fits}) != 1:
         raise UserError("the fits of the dimensions are of different kinds", remedy="Run the scp stage again.")
     check_resolved(where, settings, lipschitz)
-    given = BoundInputs(where, settings, lipschitz, calibration, directed)
+    given = BoundInputs(where, settings, lipschitz, directed)
     function, sides = type(fits[0]).bound(fits, given)
     if deviation is not None:
         function = function.raised(deviation, deviation)
@@ -113,10 +112,8 @@ def check_resolved(where: SampleGrid, settings: GapSection, lipschitz: Sequence[
     """Refuse where the grid does not resolve the gap and the padding has no local jump bound for it.
 
     Raises:
-        BrokenPromise: naming the state. A conformal bound rests on no Lipschitz constant and is never refused.
+        BrokenPromise: naming the state.
     """
-    if settings.bound == "conformal":
-        return
     local = settings.padding == "inflate" and settings.bound != "envelope"
     for name, known in zip(where.states, lipschitz, strict=True):
         found = known.grid

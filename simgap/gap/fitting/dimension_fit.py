@@ -20,23 +20,18 @@ Sides = dict[str, PaddedSide]
 """Fitted sides by name (`upper` and `lower`, or `both`)."""
 
 
-Calibration = tuple[Floats, Floats, Floats]
-"""Fresh iid samples: x (n, nx), u (n, nu), d (n, nx)."""
-
-
 @dataclass(frozen=True, eq=False)
 class BoundInputs:
     """Inputs of a bound beside its fits.
 
     Attributes:
         where: the places of the samples. settings: of the fit. lipschitz: constants of each dimension.
-        calibration: samples of a conformal bound. directed: samples of each dimension beside the grid, for an envelope.
+        directed: samples of each dimension beside the grid, for an envelope.
     """
 
     where: SampleGrid
     settings: GapSection
     lipschitz: Sequence[DimensionLipschitz]
-    calibration: Calibration | None = None
     directed: Sequence[Directed] = ()
 
 
@@ -58,7 +53,6 @@ class DimensionFit(JsonRecord, ABC):
         """The gap function of all dimensions, padded, and the fitted sides of each; none of a bound without a program.
 
         Raises:
-            UserError: inputs that the form needs and that are missing or too few.
             BrokenPromise: when the grid does not resolve a residual, or the bound stays upside down.
         """
 

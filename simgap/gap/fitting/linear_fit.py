@@ -1,20 +1,13 @@
-"""Bounds that are linear in a basis: by the scenario program, or split conformal.
-
-A conformal bound covers a fresh random sample with a stated probability, and needs no Lipschitz constant. A centre
-m(x, u) is fitted by least squares; the score of a calibration sample is `max_i |d_i - m_i| / scale_i`, and
-`split_conformal` says how far such scores reach. It is a statement about a random state, not about every state: no
-controller that is proved with it alone is safe for certain, and the tier says so.
-"""
+"""Bounds that are linear in a basis, by the scenario program."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from simgap.arrays import Floats
 from simgap.config.gap import BasisSection, GapSection
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bases import Expressions
@@ -25,9 +18,8 @@ from simgap.gap.fitting.dimension_fit import BoundInputs, DimensionFit, Sides, g
 from simgap.gap.fitting.padding import SideFit, SideProblem, fit_side, padded
 from simgap.gap.fitting.scenario import Design
 from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
-from simgap.gap.sampling.values import centres, combined
+from simgap.gap.sampling.values import centres
 from simgap.geometry import Box
-from simgap.statistics import fewest, reach
 
 
 def basis_of(where: SampleGrid, settings: GapSection) -> Basis:
@@ -128,79 +120,3 @@ def _tiers(given: BoundInputs, sides: Sequence[Sides]) -> tuple[Tier, ...]:
         pads = "; ".join(f"{n}: {v:.3g}" for n, v in zip(given.where.states, largest("padding"), strict=True))
         extra = f"The padding uses the local slopes in each cell, less those of the fit; at most {pads}."
     return guarantee(padding, given, largest("rough_share"), max(largest("directed")), largest("factor"), extra)
-
-
-@dataclass(frozen=True, eq=False)
-class CentreFit(
-    DimensionFit,
-    kind="centre",
-    program="none: a conformal bound is a least-squares centre with a width from random samples",
-):
-    """Centre of one dimension, q.p by least squares, and its scale: root mean square of what it leaves (1 for 0)."""
-
-    terms: tuple[str, ...]
-    coefficients: Floats
-    scale: float
-
-    @classmethod
-    def of(cls, samples: DimensionSamples, settings: GapSection) -> CentreFit:
-        """The centre of one dimension from the grid samples (0 if unsigned).
-
-        Raises:
-            UserError: where hidden states spread the gap.
-        """
-        if samples.d_upper is not None:
-            raise UserError(
-                "a conformal bound does not cover a gap that hidden states of the simulator spread",
-                key="gap.bound",
-                remedy="Use scenario or envelope.",
-            )
-        basis = basis_of(samples.where, settings)
-        design = Design(basis, centres(samples.where.grid), samples.where.inputs)
-        d = samples.side(upper=True)
-        q = design.least_squares(d) if settings.signed else np.zeros(basis.size)
-        squares = combined(lambda own, fitted: (own - fitted) ** 2, d, design.product(q))
-        scale = float(np.sqrt(squares.mean()))
-        return cls(basis.terms, q, scale if scale > 0.0 else 1.0)
-
-    @classmethod
-    def bound(cls, fits: Sequence[CentreFit], given: BoundInputs) -> tuple[LinearGap, list[Sides]]:
-        """The width of all dimensions from the calibration samples.
-
-        Raises:
-            UserError: without calibration samples (those of a grid are not exchangeable with a random state, so none
-                of them can stand in), or with too few for the miscoverage.
-        """
-        where, settings, calibration = given.where, given.settings, given.calibration
-        if calibration is None:
-            raise UserError(
-                "a conformal bound needs random samples of its own",
-                key="gap.conformal",
-                remedy="Make them with `simgap calibration` and give them to the gap stage as --calibration.",
-            )
-        blank = blank_form(Basis(fits[0].terms, where.states, where.input_names), where)
-        forms = tuple(replace(blank, coefficients=fit.coefficients) for fit in fits)
-        scale = np.array([fit.scale for fit in fits])
-        x, u, d = calibration
-        centre = np.stack([f.values(x, u) for f in forms], axis=1)
-        score = (np.abs(d - centre) / scale).max(axis=1)
-        factor = reach(score, 1.0 - settings.conformal.miscoverage)
-        if not np.isfinite(factor):
-            raise UserError(
-                f"{len(score)} calibration samples are too few for a miscoverage of {settings.conformal.miscoverage:g}",
-                key="gap.conformal.miscoverage",
-                remedy=f"Use at least {fewest(1.0 - settings.conformal.miscoverage)} samples.",
-            )
-        half = factor * scale + where.rounding / 16.0 + np.array([f.rounding for f in forms])
-        tier = _conformal_tier(settings, len(score))
-        return LinearGap(where.domain, (tier,), forms, forms).raised(half, half), [{} for _ in fits]
-
-
-def _conformal_tier(settings: GapSection, n: int) -> Tier:
-    cover = f"{100 * (1.0 - settings.conformal.miscoverage):g} %"
-    return Tier(
-        3,
-        "Split conformal: a random state and input drawn from the distribution of the calibration samples lies in the "
-        f"bound with probability at least {cover} ({n:,} calibration samples, averaged over their draw). It is not a "
-        "bound for every state.",
-    )
