@@ -153,9 +153,6 @@ class GapSection(Section):
     basis: Annotated[BasisSection, Plugged("bases", "kind", listed=("expressions", "terms"))]
     """Terms of the bound as expressions over states and inputs, such as [x1^2, x1*x2, u, 1]; or a kind with options,
     such as {kind: monomials, degree: 2}."""
-    bound: Literal["scenario", "envelope", "constant"] = "scenario"
-    """scenario: linear in the basis, by the scenario program. constant: the same with the basis 1. envelope: Lipschitz
-    envelope around the samples (set membership)."""
     objective: Literal["lexicographic", "eta"] = "lexicographic"
     """eta: the smallest supremum (the paper). lexicographic: the smallest mean among bounds whose supremum is at most
     `slack` of the largest gap above the smallest one."""

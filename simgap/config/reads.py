@@ -20,7 +20,7 @@ _COUNTED = ("hidden_state.length", "hidden_state.chains", "hidden_state.chain_le
     "symmetry.histories")  # fmt: skip
 # A padding enters the scenario program where it is `inflate`; which of the others it is does not matter there.
 _FIT = (
-    "gap.basis", "gap.bound", "gap.objective", "gap.slack", "gap.sides", "gap.padding=inflate",
+    "gap.basis", "gap.objective", "gap.slack", "gap.sides", "gap.padding=inflate",
 )  # fmt: skip
 _RUN = (
     "domain", "simulator", "twin", "symmetry", "hidden_state", "grid", "gap", "sensing", "synthesis", "validation",

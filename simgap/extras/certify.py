@@ -169,7 +169,7 @@ def header(what: Certified) -> dict[str, Any]:
         )
     if not isinstance(bound, LinearGap) and (reached is None or not isinstance(bound, BodyFrameGap)):
         problem = "a certificate covers bounds that are linear in a basis, and this one is not"
-        raise UserError(problem, key="gap.bound", remedy="Use gap.bound: scenario with a basis of terms, or constant.")
+        raise UserError(problem, key="gap.basis", remedy="Use a basis of terms.")
     states, grid, known = bound.domain.states, solution.grid, what.known
     not_covered = [HARDWARE] if known is not None else [BLACK_BOX, HARDWARE]
     watched = reached.target if reached is not None and isinstance(reached.target, Watched) else None

@@ -34,7 +34,6 @@ from simgap.gap.sampling.borders import (
     SHIFTED,
     border_gaps,
     border_states,
-    directed_samples,
     stops_of,
     switching_surfaces,
 )
@@ -139,7 +138,6 @@ def _assembled(
     known = [read_back(DimensionLipschitz.from_json, made.lipschitz[n]) for n in names]
     if made.borders is None:
         raise UserError(NO_BORDERS, remedy=MAKE_BORDERS)
-    directed = tuple(directed_samples(context, made.points.name, made.borders, i) for i in range(len(names)))
     added, tiers = [], []
     stair = staircase_height(context) if where.known is None else None
     if stair is not None:
@@ -149,7 +147,7 @@ def _assembled(
     if shifts is not None:
         added.append(shifts.largest)
         tiers.append(shifts.tier(names))
-    return assemble(where, section, fits, known, directed, np.sum(added, axis=0) if added else None), tiers
+    return assemble(where, section, fits, known, np.sum(added, axis=0) if added else None), tiers
 
 
 def _fresh_check(

@@ -47,7 +47,7 @@ def refuse_basis(context: Context) -> None:
         UserError: with the key.
     """
     section = context.case.gap
-    if section is None or section.bound != "scenario" or context.case.domain is None:
+    if section is None or context.case.domain is None:
         return
     from simgap.gap.bounds.linear import widened
     from simgap.gap.fitting.linear_fit import listed_basis  # takes a second: only paid by cases that get this far

@@ -34,7 +34,6 @@ def test_a_kind_with_options():
         ({"basis": ["1"], "padding": "none"}, "padding"),
         ({"basis": ["1"], "objective": "min"}, "objective"),
         ({"basis": ["1"], "sides": "both"}, "sides"),
-        ({"basis": ["1"], "bound": "x"}, "bound"),
         ({"basis": ["1"], "fresh_samples": 0}, "fresh_samples"),
         ({"basis": ["1"], "colour": "red"}, "colour"),
     ],

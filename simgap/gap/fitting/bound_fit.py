@@ -14,19 +14,17 @@ from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bases import Blocks
 from simgap.gap.bounds.function import GapFunction
 from simgap.gap.fitting.acceptance import remedy
-from simgap.gap.fitting.cell_fit import BlockFit, NodeFit
+from simgap.gap.fitting.cell_fit import BlockFit
 from simgap.gap.fitting.dimension_fit import BoundInputs, DimensionFit, Sides
 from simgap.gap.fitting.linear_fit import LinearFit
 from simgap.gap.json_record import JsonRecord
 from simgap.gap.lipschitz.grid import DimensionLipschitz, GridLipschitz, LipschitzRow
-from simgap.gap.sampling.borders import Directed
 from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
 from simgap.gap.thresholds import GATE
 
 FITS: Mapping[str, type[DimensionFit]] = {
     "linear": LinearFit,
     "blocks": BlockFit,
-    "envelope": NodeFit,
 }
 
 
@@ -36,9 +34,8 @@ def fit_dimension(samples: DimensionSamples, settings: GapSection) -> DimensionF
     Raises:
         UserError: for settings that do not fit the samples.
     """
-    scenario = "blocks" if isinstance(settings.basis, Blocks) else "linear"
-    form = {"envelope": "envelope", "scenario": scenario}.get(settings.bound, "linear")
-    return FITS[form].of(samples, settings)
+    form = BlockFit if isinstance(settings.basis, Blocks) else LinearFit
+    return form.of(samples, settings)
 
 
 def fit_from_json(data: Mapping[str, Any]) -> DimensionFit:
@@ -88,9 +85,9 @@ class GapResult:
 
 def assemble(
     where: SampleGrid, settings: GapSection, fits: Sequence[DimensionFit], lipschitz: Sequence[DimensionLipschitz],
-    directed: Sequence[Directed] = (), deviation: Floats | None = None,
+    deviation: Floats | None = None,
 ) -> GapResult:  # fmt: skip
-    """The gap function of all dimensions, padded; `directed` are those samples of each dimension, for an envelope.
+    """The gap function of all dimensions, padded.
 
     `deviation`, (nx,), is added on both sides: by how much a declared symmetry does not hold, and its staircase.
 
@@ -101,7 +98,7 @@ def assemble(
     if len({type(fit) for fit in fits}) != 1:
         raise UserError("the fits of the dimensions are of different kinds", remedy="Run the scp stage again.")
     check_resolved(where, settings, lipschitz)
-    given = BoundInputs(where, settings, lipschitz, directed)
+    given = BoundInputs(where, settings, lipschitz)
     function, sides = type(fits[0]).bound(fits, given)
     if deviation is not None:
         function = function.raised(deviation, deviation)
@@ -114,7 +111,7 @@ def check_resolved(where: SampleGrid, settings: GapSection, lipschitz: Sequence[
     Raises:
         BrokenPromise: naming the state.
     """
-    local = settings.padding == "inflate" and settings.bound != "envelope"
+    local = settings.padding == "inflate"
     for name, known in zip(where.states, lipschitz, strict=True):
         found = known.grid
         if local and found.rough_share <= settings.lipschitz.rough_limit:
@@ -144,10 +141,7 @@ def _reports(
 
 
 def _means(where: SampleGrid, function: GapFunction, seed: int, chunk: int = 200_000) -> tuple[Floats, Floats]:
-    """(nx,), (nx,) means of max(|lo|, |hi|) and hi - lo over X x U: one random point of each cell for each input.
-
-    Not at the samples: there an envelope has no width.
-    """
+    """(nx,), (nx,) means of max(|lo|, |hi|) and hi - lo over X x U: one random point of each cell for each input."""
     x, m, rng = where.grid.centres(), len(where.inputs), np.random.default_rng([seed, 1])
     size, width = np.zeros(len(where.states)), np.zeros(len(where.states))
     step = max(1, chunk // m)

@@ -1,8 +1,4 @@
-"""Bounds that are tables over cells: a maximum for each block of cells, or a Lipschitz envelope around samples.
-
-The envelope (set membership) solves no program: d lies within `sum_j L_ij |x_j - node_j|` of its value at a node
-(Milanese & Novara 2004). Each cell uses its own node.
-"""
+"""Bounds that are tables: a maximum for each block of cells."""
 
 from __future__ import annotations
 
@@ -75,7 +71,7 @@ class BlockFit(
         """The tables of all dimensions side by side, with the padding that is not in them yet."""
         where, settings, lipschitz = given.where, given.settings, given.lipschitz
         _, edges = _blocks(where.grid, _counts(where, settings))
-        nx, inflated, h = len(where.states), settings.padding == "inflate", where.moving_half_widths
+        inflated, h = settings.padding == "inflate", where.moving_half_widths
         pads = [0.0 if inflated else constant_padding(settings.padding, own.grid, h, 0.0 * h) for own in lipschitz]
         upper, below = (
             np.stack([getattr(fit, side) for fit in fits], axis=-1) + pads + where.rounding / 16.0
@@ -86,12 +82,11 @@ class BlockFit(
             upper = np.maximum(upper, -lower)
             lower = -upper
         upper = np.maximum(upper, lower)
-        nodes = tuple(0.5 * (e[:-1] + e[1:]) for e in edges)
         shares = zip([fit.rough_share for fit in fits], [known.grid.rough_share for known in lipschitz], strict=True)
         rough = [padded if inflated else estimated for padded, estimated in shares]
         directed, factors = max(fit.directed for fit in fits), [fit.factor for fit in fits]
         tiers = guarantee("inflate" if inflated else "cells", given, rough, directed, factors)
-        return CellGap(where.domain, tiers, edges, nodes, lower, upper, np.zeros((nx, nx))), [{} for _ in fits]
+        return CellGap(where.domain, tiers, edges, lower, upper), [{} for _ in fits]
 
 
 def _beside(samples: DimensionSamples, directed: Directed, settings: GapSection, up: bool) -> tuple[Floats, float]:
@@ -130,82 +125,3 @@ def _blocks(grid: Grid, counts: Sequence[int]) -> tuple[Ints, tuple[Floats, ...]
         lo, hi = grid.box.lo[j], grid.box.hi[j]
         edges.append(np.concatenate([[lo], lo + 2.0 * grid.h[j] * first, [hi]]))
     return np.ravel_multi_index(tuple(mesh(*index).T), tuple(counts)), tuple(edges)
-
-
-@dataclass(frozen=True, eq=False)
-class NodeFit(DimensionFit, kind="envelope", program="none: an envelope is made of samples and Lipschitz constants"):
-    """Samples of one dimension at the nodes of an envelope: lower, upper (nodes, M), rounding included."""
-
-    lower: Floats
-    upper: Floats
-
-    @classmethod
-    def of(cls, samples: DimensionSamples, settings: GapSection) -> NodeFit:
-        """The samples at the nodes."""
-        places, cells = _nodes(samples.where), samples.where.grid.cells
-        flat = np.ravel_multi_index(tuple(mesh(*places).T), cells)
-        numerical = samples.floor / 16.0
-        lower = samples.d[flat] - numerical
-        upper = samples.ends[-1][flat] + numerical
-        if not settings.signed:
-            upper = np.maximum(upper, -lower)
-            lower = -upper
-        return cls(lower, upper)
-
-    @classmethod
-    def bound(cls, fits: Sequence[NodeFit], given: BoundInputs) -> tuple[CellGap, list[Sides]]:
-        """The tables of all dimensions side by side, with their slopes.
-
-        A cell whose envelope a sample on a border or beside a switching surface leaves is raised to cover it, with
-        what slopes allow along the surface until the next such sample.
-        """
-        where, settings, lipschitz = given.where, given.settings, given.lipschitz
-        nodes = tuple(where.grid.axis(j)[k] for j, k in enumerate(_nodes(where)))
-        middle = [0.5 * (n[:-1] + n[1:]) for n in nodes]
-        ends = zip(where.grid.box.lo, middle, where.grid.box.hi, strict=True)
-        edges = tuple(np.concatenate([[lo], e, [hi]]) for lo, e, hi in ends)
-        slopes = np.stack([known.grid.constants for known in lipschitz])
-        rough = [known.grid.rough_share for known in lipschitz]
-        lower, upper = (np.stack([getattr(fit, side) for fit in fits], axis=-1) for side in ("lower", "upper"))
-        directed, factors = given.directed if where.known is None else (), []
-        for i, own in enumerate(directed):
-            numerical = float(where.rounding[i])
-            above, rise = _raised(upper[:, :, i], where, (nodes, edges), slopes[i], own, own.side(True), numerical)
-            below, fall = _raised(-lower[:, :, i], where, (nodes, edges), slopes[i], own, own.side(False), numerical)
-            if not settings.signed:
-                above = below = np.maximum(above, below)
-            upper[:, :, i], lower[:, :, i] = above, -below
-            factors.append(max(rise, fall))
-        tiers = guarantee("cells", given, rough, len(directed[0].x) if directed else 0, factors)
-        return CellGap(where.domain, tiers, edges, nodes, lower, upper, slopes), [{} for _ in fits]
-
-
-def _raised(
-    top: Floats, where: SampleGrid, table: tuple[Sequence[Floats], Sequence[Floats]], slopes: Floats, own: Directed,
-    target: Floats, floor: float,
-) -> tuple[Floats, float]:  # fmt: skip
-    """Values at the nodes (nodes, M), raised where targets (E, M) leave their envelope; the factor of `SideFit`."""
-    nodes, edges = table
-    place = [np.clip(np.searchsorted(e, own.x[:, j], side="right") - 1, 0, len(e) - 2) for j, e in enumerate(edges)]
-    cell = np.ravel_multi_index(tuple(place), tuple(len(n) for n in nodes))
-    far = np.abs(own.x - np.stack([n[k] for n, k in zip(nodes, place, strict=True)], axis=1)) @ slopes
-    beside, along = OffGrid(cell, own.at, target), np.where(own.at.fixed, 0.0, where.moving_half_widths) @ slopes
-    steeper = np.zeros(target.shape)  # than the envelope is, along the surface
-    for j, h in enumerate(where.moving_half_widths):
-        steeper += np.where(own.at.fixed[:, [j]], 0.0, np.maximum(beside.moved(j, float(h)) - slopes[j] * h, 0.0))
-    short = target + steeper - top[cell] - far[:, None]
-    raised = top.copy()
-    np.maximum.at(raised, cell, np.where(short > 0.0, top[cell] + short + along[:, None] + floor / 16.0, top[cell]))
-    return raised, float(((short + far[:, None]) / np.maximum(far[:, None], floor)).max(initial=0.0))
-
-
-MOST_NODES = 200_000
-"""Numbers in the table of an envelope."""
-
-
-def _nodes(where: SampleGrid) -> list[Ints]:
-    """The samples along each axis that are nodes: every k-th one where a table would exceed `MOST_NODES` numbers."""
-    cells, size, stride = where.grid.cells, len(where.inputs) * len(where.states), 1
-    while np.prod([-(-c // stride) for c in cells]) * size > MOST_NODES and stride < max(cells):
-        stride += 1
-    return [np.arange(min(stride // 2, c - 1), c, stride) for c in cells]

@@ -13,7 +13,6 @@ from simgap.gap.bounds.function import PROVEN, GapFunction, Tier
 from simgap.gap.fitting.padding import PaddedSide
 from simgap.gap.json_record import JsonRecord
 from simgap.gap.lipschitz.grid import DimensionLipschitz
-from simgap.gap.sampling.borders import Directed
 from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
 
 Sides = dict[str, PaddedSide]
@@ -26,13 +25,11 @@ class BoundInputs:
 
     Attributes:
         where: the places of the samples. settings: of the fit. lipschitz: constants of each dimension.
-        directed: samples of each dimension beside the grid, for an envelope.
     """
 
     where: SampleGrid
     settings: GapSection
     lipschitz: Sequence[DimensionLipschitz]
-    directed: Sequence[Directed] = ()
 
 
 class DimensionFit(JsonRecord, ABC):

@@ -10,7 +10,6 @@ import numpy as np
 
 from simgap.config.gap import BasisSection, GapSection
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.bases import Expressions
 from simgap.gap.bounds.function import Tier
 from simgap.gap.bounds.linear import Basis, Form, LinearGap, make_form, negated
 from simgap.gap.fitting.acceptance import remedy
@@ -28,8 +27,7 @@ def basis_of(where: SampleGrid, settings: GapSection) -> Basis:
     Raises:
         UserError: for terms that are no basis, or a term that depends on an axis along which a symmetry is declared.
     """
-    chosen = Expressions(terms=("1",)) if settings.bound == "constant" else settings.basis
-    return listed_basis(chosen, where.states, where.input_names, where.grid.box, where.free)
+    return listed_basis(settings.basis, where.states, where.input_names, where.grid.box, where.free)
 
 
 def listed_basis(
