@@ -25,8 +25,8 @@ from simgap.config.case import Case
 from simgap.config.gap import GapSection, LipschitzSection
 from simgap.errors import SimgapError, UserError
 from simgap.gap.bases import Blocks, Expressions
+from simgap.gap.checked_bound import GapResult
 from simgap.gap.fitting.acceptance import check_fresh
-from simgap.gap.fitting.bound_fit import GapResult
 from simgap.gap.sampling.points import draw, product
 from simgap.geometry import Grid
 from simgap.plants.context import Context

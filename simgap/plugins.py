@@ -66,7 +66,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
 }
 DOORS: Mapping[str, str] = {
     "engines": "simgap.simulators.rollouts",
-    "bases": "simgap.gap.fitting.linear_fit",
+    "bases": "simgap.gap.fitting.dimension_fit",
     "effects": "simgap.effects",
     "specifications": "simgap.specifications.base",
 }

@@ -19,7 +19,7 @@ from simgap.arrays import Floats
 from simgap.config.controller import SynthesisSection
 from simgap.errors import UserError
 from simgap.gap.bases import Blocks
-from simgap.gap.fitting.linear_fit import listed_basis
+from simgap.gap.fitting.dimension_fit import listed_basis
 from simgap.gap.sampling.points import covering_grid, free_axes, own_point, remembers
 from simgap.geometry import Box
 from simgap.plants.context import Context

@@ -8,7 +8,8 @@ from functools import cached_property
 from simgap.arrays import Floats
 from simgap.config.gap import GapSection
 from simgap.gap.bounds.enclosures import ClosedFormGap
-from simgap.gap.fitting.bound_fit import GapResult, assemble, check_resolved, fit_dimension
+from simgap.gap.checked_bound import GapResult, assemble, check_resolved
+from simgap.gap.fitting.dimension_fit import fit_dimension
 from simgap.gap.lipschitz.estimates import dimension_lipschitz
 from simgap.gap.sampling.borders import Directed
 from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
@@ -69,4 +70,4 @@ def fit_gap(samples: GapSamples, settings: GapSection) -> GapResult:
     lipschitz = [dimension_lipschitz(part, settings) for part in parts]
     check_resolved(samples.where, settings, lipschitz)
     fits = [fit_dimension(p, settings) for p in parts]
-    return assemble(samples.where, settings, fits, lipschitz, samples.directed)
+    return assemble(samples.where, settings, fits, lipschitz)

@@ -7,7 +7,8 @@ import pytest
 from scipy.stats import weibull_max
 
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.fitting.bound_fit import check_resolved, fit_dimension
+from simgap.gap.checked_bound import check_resolved
+from simgap.gap.fitting.dimension_fit import fit_dimension
 from simgap.gap.lipschitz.estimates import dimension_lipschitz, fit_reverse_weibull, profile_upper
 from simgap.gap.lipschitz.grid import DimensionLipschitz, GridLipschitz, estimate, roughness
 from simgap.gap.lipschitz.local import FitSlopes, LocalPadding, OffGrid

@@ -7,7 +7,8 @@ import pytest
 
 from simgap.errors import UserError
 from simgap.gap.bases import Blocks, Expressions
-from simgap.gap.fitting.bound_fit import assemble, fit_dimension, fit_from_json
+from simgap.gap.checked_bound import assemble
+from simgap.gap.fitting.dimension_fit import fit_dimension, fit_from_json
 from simgap.gap.lipschitz.estimates import dimension_lipschitz
 from simgap.gap.lipschitz.grid import DimensionLipschitz
 from simgap.gap.sampling.points import Points, covering_point, cut, product, radius
