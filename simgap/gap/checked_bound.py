@@ -28,7 +28,7 @@ from simgap.gap.json_record import JsonRecord
 from simgap.gap.lipschitz.grid import DimensionLipschitz, GridLipschitz, LipschitzRow
 from simgap.gap.memory.bound import hidden_bound
 from simgap.gap.memory.hidden_state import tolerance_of
-from simgap.gap.noise import NoiseStatement, statement_of
+from simgap.gap.noise import statement_of
 from simgap.gap.sampling.borders import (
     CHECK,
     MAKE_BORDERS,
@@ -121,8 +121,15 @@ def gap(context: Context, made: Made) -> Bound:
     section, where = context.need(context.case.gap, "gap"), sample_grid(context, made.points)
     result, added = _assembled(context, made, section, where)
     noise = statement_of(context.case, where.size)
-    check = _fresh_check(context, made.fresh, section, result.function, noise)
-    beside = border_check(context, made.points.name, made.borders or {}, result.function)
+    x, u, d, _ = gap_ends(context.plant.sampled.step, made.fresh, context.states, context.inputs)
+    check_drawn(context, x, u)
+    check = check_fresh(result.function, x, u, d, section.confidence)
+    tolerate(check, *((section.tolerated_probability, FINER) if noise is None else (noise.alpha, MORE_DRAWS)))
+    x, u, lower, upper = border_gaps(
+        context, made.borders or {}, CHECK, border_states(context, made.points.name, CHECK)
+    )
+    found = check_fresh(result.function, x, u, lower, d_upper=upper)
+    beside = BorderCheck(len(x), found.violations, len(switching_surfaces(context)), found.worst, found.outside)
     none_outside(beside)
     tiers = confirmed(result.function.tiers, check)
     if noise is not None:
@@ -158,22 +165,6 @@ def _assembled(
         added.append(shifts.largest)
         tiers.append(shifts.tier(names))
     return assemble(where, section, fits, known, np.sum(added, axis=0) if added else None), tiers
-
-
-def _fresh_check(
-    context: Context, fresh: Columns, section: GapSection, function: GapFunction, noise: NoiseStatement | None
-) -> FreshCheck:
-    """The bound checked against the fresh samples.
-
-    Raises:
-        UserError: samples of another case.
-        BrokenPromise: more violations than the case tolerates.
-    """
-    x, u, d, _ = gap_ends(context.plant.sampled.step, fresh, context.states, context.inputs)
-    check_drawn(context, x, u)
-    check = check_fresh(function, x, u, d, section.confidence)
-    tolerate(check, *((section.tolerated_probability, FINER) if noise is None else (noise.alpha, MORE_DRAWS)))
-    return check
 
 
 def _shifts(context: Context, name: str, borders: Columns) -> SymmetryDeviation | None:
@@ -238,17 +229,6 @@ def reached_stops(context: Context, states: Sequence[str]) -> list[str]:
         for lo, hi in [context.domain.X[name]]
         if name in states and any(to_stop(context.case, name, end) for end in ends)
     ]
-
-
-def border_check(context: Context, name: str, rolled: Columns, function: GapFunction) -> BorderCheck:
-    """The bound checked against the samples of the check, which no fit has seen.
-
-    Raises:
-        UserError: a table of another case, or of another grid.
-    """
-    x, u, lower, upper = border_gaps(context, rolled, CHECK, border_states(context, name, CHECK))
-    found = check_fresh(function, x, u, lower, d_upper=upper)
-    return BorderCheck(len(x), found.violations, len(switching_surfaces(context)), found.worst, found.outside)
 
 
 @dataclass(frozen=True, eq=False)

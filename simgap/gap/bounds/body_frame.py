@@ -217,12 +217,9 @@ def _over_box(xlo, xhi, u, lo, hi, inputs, llo, lhi, lower, upper, i, j, k):  # 
 
 
 def nominal_motion(
-    step: Callable[[Floats, Floats], Floats],
-    centre: Floats,
-    inputs: Floats,
-    pose: tuple[int, int, int],
+    step: Callable[[Floats, Floats], Floats], centre: Floats, inputs: Floats, pose: tuple[int, int, int],
     rng: np.random.Generator,
-) -> Floats:
+) -> Floats:  # fmt: skip
     """The nominal step seen from the robot, (M, 3); refused when it depends on where the robot stands.
 
     Args:
