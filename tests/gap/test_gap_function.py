@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.bases import Blocks, Expressions, Monomials, Trigonometric
+from simgap.gap.bases import Blocks, Expressions, Monomials
 from simgap.gap.bounds.load import from_json
 from simgap.gap.fitting.acceptance import check_fresh, clopper_pearson_upper
 from tests.gap.fit_in_memory import fit_gap
@@ -17,7 +17,6 @@ KINDS = {
     "paper": {"padding": "paper", "objective": "eta", "sides": "unsigned"},
     "constant": {"basis": Expressions(terms=("1",))},
     "blocks": {"basis": Blocks(blocks=(8, 8))},
-    "trigonometric": {"basis": Trigonometric(harmonics=2)},
     "cubic": {"basis": Monomials(degree=3)},
     "own terms": {"basis": Expressions(terms=("sin(x1)", "tanh(x2/0.05)", "u", "1"))},
 }

@@ -24,7 +24,6 @@ BASES = {
     "the paper's": PAPER,
     "the paper's, as it was": (PAPER, {"objective": "eta", "sides": "unsigned", "padding": "paper"}),
     "monomials": {"kind": "monomials", "degree": 3},
-    "trigonometric": {"kind": "trigonometric", "harmonics": 2},
     "blocks": {"kind": "blocks", "blocks": [6, 9]},
     "own expressions": {"kind": "expressions", "terms": ["sin(x1)", "tanh(x2/0.2)", "x1*u", "exp(x1)", "u", "1"]},
     "own expressions, listed": ["sin(x1)", "x2^3", "u", 1],
