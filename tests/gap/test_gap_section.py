@@ -12,12 +12,7 @@ from simgap.gap.bases import Blocks, Expressions
 
 def test_defaults_are_the_tightest():
     settings = GapSection(basis=("x1", "1"))
-    assert (settings.objective, settings.sides, settings.padding, settings.bound) == (
-        "lexicographic",
-        "signed",
-        "inflate",
-        "scenario",
-    )
+    assert (settings.objective, settings.sides, settings.padding) == ("lexicographic", "signed", "inflate")
     assert settings.basis == Expressions(terms=("x1", "1"))
 
 
@@ -61,5 +56,5 @@ def test_a_wrong_option_is_one_line_with_its_key(vary, basis, says):
 
 def test_every_key_is_described():
     defs = json.loads(schema_text())["$defs"]
-    names = ("GapSection", "RemainderWithin", "LipschitzSection", "ConformalSection")
+    names = ("GapSection", "RemainderWithin", "LipschitzSection")
     assert all("description" in key for name in names for key in defs[name]["properties"].values())
