@@ -219,6 +219,10 @@ class PyBulletWheeled(WheeledEngine):
             remedy = "State at most 1 there and the rest in simulator.floor_friction."
             raise UserError(problem, file=self._plant.urdf, key="<lateral_friction>", remedy=remedy)
         p.setCollisionFilterPair(body, floor, -1, -1, 0)  # the body hangs clear of the floor; asking costs a third
+        if s.payload:
+            mass, _, inertia = p.getDynamicsInfo(body, -1)[:3]
+            scale = 1.0 + s.payload / mass
+            p.changeDynamics(body, -1, mass=mass * scale, localInertiaDiagonal=[scale * i for i in inertia])
         return body, (index[s.left], index[s.right])
 
     def loaded(self) -> Mapping[str, Link]:

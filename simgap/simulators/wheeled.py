@@ -98,6 +98,8 @@ class WheeledSettings(EngineSection):
     """Largest torque of a wheel motor, N m."""
     floor_friction: float = Field(gt=0)
     """Friction coefficient of the floor (times that of the tyre)."""
+    payload: float = Field(0.0, ge=0)
+    """Mass added to the base, kg; its inertia is scaled in proportion."""
     substeps: int = Field(100, ge=1)
     """Engine steps within tau."""
     poses: int = Field(20, ge=1)

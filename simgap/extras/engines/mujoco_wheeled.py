@@ -132,7 +132,14 @@ def model_of(plant: WheeledPlant, section: MuJoCoWheeledSettings) -> Any:
         motor.gainprm[0], motor.biasprm[2] = section.gain, -section.gain
         motor.forcelimited, motor.forcerange = True, [-section.torque, section.torque]
     with loading("MuJoCo", plant.urdf):
-        return spec.compile()
+        model = spec.compile()
+    if section.payload:
+        body = model.body(root).id
+        scale = 1.0 + section.payload / float(model.body_mass[body])
+        model.body_mass[body] *= scale
+        model.body_inertia[body] *= scale
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+    return model
 
 
 def friction_of(urdf: Path, root: str) -> dict[str, float]:
