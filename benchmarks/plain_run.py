@@ -25,7 +25,7 @@ from simgap.io.runs import job_times
 
 OUT = Path(__file__).parent / "results" / "plain_run.json"
 GROUPS = {
-    "roll-outs, fresh, borders": "rollouts|fresh|borders|grid|calibration",
+    "roll-outs, fresh, borders": "rollouts|fresh|borders|grid",
     "scp, lipschitz, gap": "scp|lipschitz|gap",
     "synthesis": "synthesis",
     "validation": "validation",

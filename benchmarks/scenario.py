@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.gap.bounds.basis import Basis
+from simgap.gap.bounds.linear import Basis
 from simgap.gap.fitting.scenario import Design, ScenarioResult, solve_scenario
 from simgap.geometry import Box, Grid
 

@@ -288,7 +288,7 @@ def _cart() -> tuple[Any, Any, Any]:
     """A cart with drag on a rail: its model, its gap in closed form, and the gap's bound."""
     from simgap.config.gap import GapSection, LipschitzSection
     from simgap.gap.bases import Expressions
-    from simgap.gap.bounds.closed_form import ClosedFormGap
+    from simgap.gap.bounds.enclosures import ClosedFormGap
     from simgap.geometry import Grid
     from simgap.model.expressions import parse
     from simgap.model.sampled import NominalModel

@@ -25,8 +25,8 @@ from simgap.config.case import Case
 from simgap.config.gap import GapSection, LipschitzSection
 from simgap.errors import SimgapError, UserError
 from simgap.gap.bases import Blocks, Expressions
+from simgap.gap.checked_bound import GapResult
 from simgap.gap.fitting.acceptance import check_fresh
-from simgap.gap.fitting.bound_fit import GapResult
 from simgap.gap.sampling.points import draw, product
 from simgap.geometry import Grid
 from simgap.plants.context import Context
@@ -57,12 +57,12 @@ def variants(terms: tuple[str, ...]) -> dict[str, GapSection]:
             for padding in ("paper", "per_axis", "inflate"):
                 name = f"{sides}, {objective}, {padding}"
                 found[name] = base.model_copy(update={"sides": sides, "objective": objective, "padding": padding})
-    found["unsigned constant"] = base.model_copy(update={"sides": "unsigned", "bound": "constant"})
-    found["signed constant"] = base.model_copy(update={"bound": "constant"})
+    constant = {"basis": Expressions(terms=("1",))}
+    found["unsigned constant"] = base.model_copy(update={"sides": "unsigned"} | constant)
+    found["signed constant"] = base.model_copy(update=constant)
     found["signed with x1^3"] = base.model_copy(update={"basis": Expressions(terms=CUBIC)})
     found["signed with x1^3, x2^3, x2^5"] = base.model_copy(update={"basis": Expressions(terms=DAMPED)})
     found["blocks 16 x 16 x inputs"] = base.model_copy(update={"basis": Blocks(blocks=(16, 16))})
-    found["envelope"] = base.model_copy(update={"bound": "envelope"})
     return found
 
 

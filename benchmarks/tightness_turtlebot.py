@@ -22,8 +22,8 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.errors import SimgapError
-from simgap.gap.bounds.basis import Basis
 from simgap.gap.bounds.body_frame import BodyFrameGap, nominal_motion
+from simgap.gap.bounds.linear import Basis
 from simgap.gap.bounds.load import from_json
 from simgap.gap.fitting.acceptance import check_fresh
 from simgap.gap.fitting.scenario import Design, solve_scenario

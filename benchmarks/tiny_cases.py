@@ -36,8 +36,7 @@ TWIN = {
     "simulator": {"engine": "equations", "integrator": "rk4", "parameters": {"m": 1.05}},
     "twin": {"of": {"engine": "python", "function": "sim.py:step"}, "tolerance": {"x": 1e-12, "v": 1e-12}},
     "grid": {"eps": 0.2, "shards": 1},
-    "gap": {"basis": ["x", "v", "F", 1], "fresh_samples": 500, "bound": "conformal", "tolerated_probability": 0.1,
-            "conformal": {"calibration_samples": 500}},
+    "gap": {"basis": ["x", "v", "F", 1], "fresh_samples": 500},
     "synthesis": {"cells": [60, 60], "specification": {"kind": "reach_and_stay",
                                                        "target": {"x": [-0.4, 0.4], "v": [-0.6, 0.6]}}},
     "validation": {"starts": 10, "steps": 60, "seed": 1},
@@ -74,7 +73,7 @@ NAMES = ("small.yaml", "twin.yaml", "rover.yaml")
 
 
 def write_cases(folder: Path) -> None:
-    """PyBullet with a rig, equations with a twin and a conformal bound, and a robot with memory among obstacles."""
+    """PyBullet with a rig, equations with a twin, and a robot with memory among obstacles."""
     (folder / "rigs").mkdir(parents=True, exist_ok=True)
     for name in ("pendulum", "turtlebot"):
         shutil.copy(ROOT / f"configs/models/{name}.urdf", folder)

@@ -76,7 +76,6 @@ rule gap:
         scp=dimensions("scp"),
         lipschitz=dimensions("lipschitz"),
         fresh=lambda w: f"results/{simulated(w.case, 'fresh')}/fresh/samples.parquet",
-        calibration=calibration,
         borders=borders,
     output:
         gap="results/{case}/gap/{point}/gap.json",

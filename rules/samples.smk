@@ -1,4 +1,4 @@
-# Samples of the simulator: grid -> rollouts for the bound; random ones that check it, and that set the width of a conformal one.
+# Samples of the simulator: grid -> rollouts for the bound; random ones that check it.
 #
 # Every case takes this road. {point} is what the grid is made for: a radius of the balls that cover X (eps~0.0022), or, where
 # the simulator remembers earlier inputs, a grid of these (hidden-state, full-table).
@@ -147,33 +147,3 @@ def borders(wildcards):
 def bordered(name):
     """The case whose samples on borders count: its own, but for points of a sweep that need the same."""
     return simulated(name, "borders") if sweep_of(name) is not None else name
-
-
-rule calibration:
-    input:
-        case=correction,
-    output:
-        "results/{case}/calibration/samples.parquet",
-    log:
-        "results/{case}/logs/calibration.log",
-    benchmark:
-        "results/{case}/benchmarks/calibration.tsv"
-    priority: page_first
-    threads: ONE_OR_TWO
-    resources:
-        mem_mb=1500,
-        runtime=30,
-    params:
-        **of_stage("calibration"),
-    message:
-        "{wildcards.case}: random samples that set the width of a conformal bound"
-    shell:
-        "simgap calibration {params.case:q} --out {output:q} --workers {threads} --log {log:q}"
-
-
-def calibration(wildcards):
-    """A conformal bound needs samples of its own; the other bounds need none."""
-    section = case_of(wildcards).gap
-    if section is None or section.bound != "conformal":
-        return []
-    return f"results/{simulated(wildcards.case, 'calibration')}/calibration/samples.parquet"

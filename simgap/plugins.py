@@ -53,7 +53,6 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
     "bases": {
         "expressions": "simgap.gap.bases:Expressions",
         "monomials": "simgap.gap.bases:Monomials",
-        "trigonometric": "simgap.gap.bases:Trigonometric",
         "blocks": "simgap.gap.bases:Blocks",
     },
     "effects": {name: f"simgap.effects.{place}" for name, place in _EFFECTS.items()},
@@ -66,7 +65,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = {
 }
 DOORS: Mapping[str, str] = {
     "engines": "simgap.simulators.rollouts",
-    "bases": "simgap.gap.fitting.linear_fit",
+    "bases": "simgap.gap.fitting.dimension_fit",
     "effects": "simgap.effects",
     "specifications": "simgap.specifications.base",
 }

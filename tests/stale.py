@@ -32,7 +32,7 @@ SLOW = {
         "test_acted_out", "test_case_studies", "test_certified_tasks", "test_closed_road",
         "test_conditions", "test_diagnosis_records",
         "test_drive", "test_faults_kill", "test_gap_from_case", "test_memory", "test_new", "test_next",
-        "test_other_bounds", "test_pages_in_a_browser", "test_robot_from_case", "test_sensing_stage",
+        "test_pages_in_a_browser", "test_robot_from_case", "test_sensing_stage",
         "test_servo_bench", "test_several_records", "test_shield", "test_twin",
     ],
     "synthesis": ["test_proposal"],

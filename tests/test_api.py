@@ -58,7 +58,7 @@ def test_a_case_is_read_from_a_path_as_text(tmp_path):
 ONE = (np.array([-1.0, 1.0]), np.array([-1.0, 1.0]))
 DOMAIN = GapDomain(("x", "v"), ("F",), Box([-1, -1], [1, 1]), np.array([[0.0], [1.0]]))
 TABLE = np.array([[[0.1, 0.2], [0.3, 0.4]]])  # of one cell: two inputs, two states
-GAP = CellGap(DOMAIN, (), ONE, (np.zeros(1), np.zeros(1)), -TABLE, TABLE, np.zeros((2, 2)))
+GAP = CellGap(DOMAIN, (), ONE, -TABLE, TABLE)
 
 
 def test_points_are_lists_or_arrays(tmp_path):

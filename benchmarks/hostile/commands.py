@@ -8,7 +8,7 @@ import random
 from pathlib import Path
 
 COMMANDS = (
-    "check", "grid", "rollouts", "fresh", "borders", "calibration", "scp", "lipschitz", "gap", "synthesis", "twin",
+    "check", "grid", "rollouts", "fresh", "borders", "scp", "lipschitz", "gap", "synthesis", "twin",
     "validation", "audit", "replay", "trace", "report", "index", "rig", "effects", "times", "export", "certify",
     "new", "tutorial", "run", "diagnose", "sweep", "point", "sweep-page", "paper", "nothing",
 )  # fmt: skip

@@ -54,21 +54,20 @@ def read_gap(rng: random.Random, folder: Path) -> None:
 @cache
 def _gaps() -> tuple[str, ...]:
     """One bound of each kind, as JSON."""
-    from simgap.gap.bounds.basis import Basis, make_form
     from simgap.gap.bounds.body_frame import BodyFrameGap
     from simgap.gap.bounds.cells import CellGap
     from simgap.gap.bounds.function import GapDomain, Tier
-    from simgap.gap.bounds.linear import LinearGap
+    from simgap.gap.bounds.linear import Basis, LinearGap, make_form
     from simgap.geometry import Box
 
     box, inputs, tiers = Box([-1.0, -2.0], [1.0, 2.0]), np.array([[-1.0], [0.0], [1.0]]), (Tier(1, "It holds."),)
     domain, edges = GapDomain(("x", "v"), ("u",), box, inputs), (np.linspace(-1, 1, 3), np.linspace(-2, 2, 3))
     form = make_form(Basis(("x", "u", "1"), ("x", "v"), ("u",)), box, inputs, [0.1, 0.0, 0.2])
-    low, nodes = np.full((4, 3, 2), -0.1), tuple(0.5 * (e[1:] + e[:-1]) for e in edges)
+    low = np.full((4, 3, 2), -0.1)
     floor = GapDomain(("x", "y", "heading"), ("u",), Box([0.0, 0.0, -3.0], [4.0, 4.0, 3.0]), inputs, (0, 1))
     made = (
         LinearGap.unsigned(domain, tiers, [form, form]),
-        CellGap(domain, tiers, edges, nodes, low, -low, np.full((2, 2), 0.01)),
+        CellGap(domain, tiers, edges, low, -low),
         BodyFrameGap(floor, tiers, np.full((1, 3, 3), -0.1), np.full((1, 3, 3), 0.1)),
     )
     for gap in made[:2]:  # compiled here, before an alarm is set

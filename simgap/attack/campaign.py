@@ -275,15 +275,9 @@ class Scene:
 
 
 def choose(
-    rule: str,
-    scene: Scene,
-    x: Floats,
-    acting: Ints,
-    last: Ints,
-    step: int,
-    admissible: Bools,
+    rule: str, scene: Scene, x: Floats, acting: Ints, last: Ints, step: int, admissible: Bools,
     rng: np.random.Generator,
-) -> Ints:
+) -> Ints:  # fmt: skip
     """One of the admissible inputs (n, M) for runs at states x (n, nx), by a rule: -> (n,).
 
     `last` (n,) is the input that acted last, -1 where there is none, `acting` (n,) the one that acts now where inputs
@@ -380,13 +374,9 @@ class Opponent:
 
 
 def campaign(
-    opponent: Opponent,
-    law: ControlLaw,
-    scene: Scene,
-    starts: Callable[[int], Floats],
-    budget: int,
+    opponent: Opponent, law: ControlLaw, scene: Scene, starts: Callable[[int], Floats], budget: int,
     rng: np.random.Generator,
-) -> Campaign:
+) -> Campaign:  # fmt: skip
     """Attack until `budget` steps are made, by every rule at least once; `starts(n)` draws n states, (n, nx)."""
     out, rules, value = Campaign(), scene.rules(), law.solution.value
     steps = _length(opponent, value)
@@ -434,15 +424,9 @@ def _count(out: Campaign, opponent: Opponent, rule: str, runs: list[Run], steps:
 
 
 def play(
-    plants: Plants,
-    law: ControlLaw,
-    scene: Scene,
-    rule: str,
-    space: Space,
-    starts: Floats,
-    steps: int,
+    plants: Plants, law: ControlLaw, scene: Scene, rule: str, space: Space, starts: Floats, steps: int,
     rng: np.random.Generator,
-) -> list[Run]:
+) -> list[Run]:  # fmt: skip
     """Runs from `starts` (n, nx) of at most `steps` samples, side by side, under one rule.
 
     A run ends early where the controller has no input at some measurement (it is then `stuck`), and where it may be
@@ -500,15 +484,9 @@ def each_once(starts: Callable[[int], Floats], part: int, parts: int) -> Callabl
 
 
 def attack_loops(
-    context: Context,
-    simulator: Simulator,
-    gap: GapFunction,
-    solution: Solution,
-    worst: WorstStarts,
-    steps: int,
-    rng: np.random.Generator,
-    part: tuple[int, int] = (0, 1),
-) -> dict[str, Campaign]:
+    context: Context, simulator: Simulator, gap: GapFunction, solution: Solution, worst: WorstStarts, steps: int,
+    rng: np.random.Generator, part: tuple[int, int] = (0, 1),
+) -> dict[str, Campaign]:  # fmt: skip
     """Both campaigns, of `steps` each: in the simulator and against the worst disturbance.
 
     `part` is the number of this part of the attack, and how many there are.

@@ -84,9 +84,6 @@ GROUPS: Mapping[str, Mapping[str, Command]] = {
         "rollouts": _stage("rollouts", "Run the simulator on one shard of grid x inputs."),
         "fresh": _stage("fresh", "Run the simulator on random samples that no fit will see."),
         "borders": _stage("borders", "Run the simulator on the border of X and on both sides of switching surfaces."),
-        "calibration": _stage(
-            "calibration", "Run the simulator on random samples that set the width of a conformal bound."
-        ),
         "scp": _stage("scp", "Solve the scenario programs of the gap, one for each dimension."),
         "lipschitz": _stage("lipschitz", "Estimate the Lipschitz constants of the gap, one for each dimension."),
         "gap": _stage(

@@ -106,7 +106,6 @@ class Case(Section):
             ("hidden_state", self.hidden_state, "take it out, or leave the noise out"),
             ("symmetry", self.symmetry, "take it out: the noise may depend on every state"),
             ("twin", self.twin, "take it out: two random simulators differ at every step"),
-            ("gap.bound: conformal", self.gap is not None and self.gap.bound == "conformal", "say bound: scenario"),
         ):
             if there:
                 raise ValueError(f"{key} is not supported for a simulator with noise (simulator.noise): {remedy}")

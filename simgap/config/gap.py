@@ -126,17 +126,6 @@ class LipschitzSection(Section):
     """Also compute the paper's extreme-value estimates, for comparison."""
 
 
-class ConformalSection(Section):
-    """Split conformal bound."""
-
-    miscoverage: float = Field(0.01, gt=0.0, lt=1.0)
-    """Probability with which a random sample may lie outside."""
-    calibration_samples: int = Field(20_000, ge=100)
-    """Random samples that set the width; they are not used in the fit or the check."""
-    seed: int = Field(3, ge=0)
-    """Seed of these samples; differs from `gap.seed`, which draws those of the check."""
-
-
 class NoiseSection(Section):
     """Statement that the bound makes of a simulator with noise; without noise nothing of it is used."""
 
@@ -164,10 +153,6 @@ class GapSection(Section):
     basis: Annotated[BasisSection, Plugged("bases", "kind", listed=("expressions", "terms"))]
     """Terms of the bound as expressions over states and inputs, such as [x1^2, x1*x2, u, 1]; or a kind with options,
     such as {kind: monomials, degree: 2}."""
-    bound: Literal["scenario", "conformal", "envelope", "constant"] = "scenario"
-    """scenario: linear in the basis, by the scenario program. constant: the same with the basis 1. envelope: Lipschitz
-    envelope around the samples (set membership). conformal: covers a random sample with a stated probability, not every
-    state."""
     objective: Literal["lexicographic", "eta"] = "lexicographic"
     """eta: the smallest supremum (the paper). lexicographic: the smallest mean among bounds whose supremum is at most
     `slack` of the largest gap above the smallest one."""
@@ -194,8 +179,6 @@ class GapSection(Section):
     """Confidence of the Clopper-Pearson bound."""
     lipschitz: LipschitzSection = LipschitzSection()
     """How Lipschitz constants are estimated."""
-    conformal: ConformalSection = ConformalSection()
-    """Options of the conformal bound."""
     noise: NoiseSection = NoiseSection()
     """What the bound promises of a simulator with noise."""
     seed: int = Field(1, ge=0)
@@ -205,16 +188,3 @@ class GapSection(Section):
     def signed(self) -> bool:
         """True if the two sides are fitted separately."""
         return self.sides == "signed"
-
-    @model_validator(mode="after")
-    def _conformal_is_tolerated(self) -> GapSection:
-        missed, tolerated = self.conformal.miscoverage, self.tolerated_probability
-        if self.bound == "conformal" and tolerated <= missed:
-            raise ValueError(
-                f"bound: conformal leaves out a random sample with probability up to {missed:g} "
-                f"(conformal.miscoverage), so the check on fresh samples needs a tolerated_probability above that, "
-                f"such as {1.2 * missed:.3g}; it is {tolerated:g}"
-            )
-        if self.bound == "conformal" and self.conformal.seed == self.seed:
-            raise ValueError(f"conformal.seed and seed are both {self.seed}: the check would see what set the width")
-        return self

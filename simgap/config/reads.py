@@ -20,7 +20,7 @@ _COUNTED = ("hidden_state.length", "hidden_state.chains", "hidden_state.chain_le
     "symmetry.histories")  # fmt: skip
 # A padding enters the scenario program where it is `inflate`; which of the others it is does not matter there.
 _FIT = (
-    "gap.basis", "gap.bound", "gap.objective", "gap.slack", "gap.sides", "gap.padding=inflate",
+    "gap.basis", "gap.objective", "gap.slack", "gap.sides", "gap.padding=inflate",
 )  # fmt: skip
 _RUN = (
     "domain", "simulator", "twin", "symmetry", "hidden_state", "grid", "gap", "sensing", "synthesis", "validation",
@@ -37,7 +37,6 @@ READS: Mapping[str, tuple[str, ...]] = {
     "rollouts": (*_SIMULATED, "grid.shards", "gap.noise", *_HISTORIES),
     "fresh": (*_SIMULATED, "gap.fresh_samples", "gap.seed", "hidden_state"),
     "borders": (*_SIMULATED, "plant", "gap.seed", "gap.noise", "hidden_state"),
-    "calibration": (*_SIMULATED, "gap.conformal.calibration_samples", "gap.conformal.seed", "hidden_state"),
     "scp": (*_MODEL, *_FIT, *_COUNTED, "hidden_state.classes", "simulator.effects", "simulator.urdf"),  # switching
     "lipschitz": (*_MODEL, "gap.seed", "gap.lipschitz.extreme_value", *_COUNTED),
     "gap": (*_MODEL, "gap", "hidden_state", "symmetry", "simulator", "sensing.latency", "sensing.latency_of"),
@@ -67,7 +66,7 @@ READS: Mapping[str, tuple[str, ...]] = {
 COPIED = ("title", "twin", "validation", "audit", "budget")
 """Sections of which a diagnosis makes no use: it copies them into the corrected case."""
 
-SIMULATED = ("rollouts", "fresh", "calibration", "rig")
+SIMULATED = ("rollouts", "fresh", "rig")
 """Stages that ask the simulator alone: what the nominal model gains from recordings of it leaves them as they are."""
 
 CONTROLLED = ("synthesis", "gap")

@@ -21,11 +21,10 @@ from numpy.typing import NDArray
 from simgap import reading
 from simgap.arrays import Floats, Ints
 from simgap.errors import UserError, placed
-from simgap.gap.bounds.basis import Form
 from simgap.gap.bounds.body_frame import BodyFrameGap
-from simgap.gap.bounds.closed_form import ClosedFormGap
+from simgap.gap.bounds.enclosures import ClosedFormGap
 from simgap.gap.bounds.function import GapFunction
-from simgap.gap.bounds.linear import LinearGap
+from simgap.gap.bounds.linear import Form, LinearGap
 from simgap.gap.sampling.points import own_point, remembers
 from simgap.gap.sampling.samples import known_gap
 from simgap.geometry import Box
@@ -170,7 +169,7 @@ def header(what: Certified) -> dict[str, Any]:
         )
     if not isinstance(bound, LinearGap) and (reached is None or not isinstance(bound, BodyFrameGap)):
         problem = "a certificate covers bounds that are linear in a basis, and this one is not"
-        raise UserError(problem, key="gap.bound", remedy="Use gap.bound: scenario with a basis of terms, or constant.")
+        raise UserError(problem, key="gap.basis", remedy="Use a basis of terms.")
     states, grid, known = bound.domain.states, solution.grid, what.known
     not_covered = [HARDWARE] if known is not None else [BLACK_BOX, HARDWARE]
     watched = reached.target if reached is not None and isinstance(reached.target, Watched) else None

@@ -15,9 +15,8 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.config.load import load_case, read_yaml
 from simgap.errors import UserError
-from simgap.gap.bounds.basis import Basis, Form, make_form, negated, supremum
 from simgap.gap.bounds.function import GapDomain, Tier
-from simgap.gap.bounds.linear import LinearGap
+from simgap.gap.bounds.linear import Basis, Form, LinearGap, make_form, negated, supremum
 from simgap.gap.sampling.points import product
 from simgap.geometry import Box, Grid
 from simgap.io.results import write_json

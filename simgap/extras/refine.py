@@ -19,7 +19,7 @@ from simgap.arrays import Floats
 from simgap.config.controller import SynthesisSection
 from simgap.errors import UserError
 from simgap.gap.bases import Blocks
-from simgap.gap.fitting.linear_fit import listed_basis
+from simgap.gap.fitting.dimension_fit import listed_basis
 from simgap.gap.sampling.points import covering_grid, free_axes, own_point, remembers
 from simgap.geometry import Box
 from simgap.plants.context import Context
@@ -154,7 +154,7 @@ def refine(path: Path, samples: int | None, tell: Callable[[str], None], workers
     names = context.states
     cells = {names[j]: n for j, n in zip(moving, chosen, strict=True)}
     width = box.hi - box.lo
-    table = isinstance(section.basis, Blocks) and section.bound == "scenario"
+    table = isinstance(section.basis, Blocks)
     return Refined(
         cells,
         {names[j]: float(width[j] / (2 * n)) for j, n in zip(moving, chosen, strict=True)},
@@ -176,7 +176,7 @@ def _left(context: Context, moving: list[int], tell: Callable[[str], None], work
     following = np.concatenate([own for own, _ in run_in_processes(roll_out_alike, jobs, workers, None)])
     d = following - context.plant.sampled.step(x, u)
     section = context.need(context.case.gap, "gap")
-    if not isinstance(section.basis, Blocks) and section.bound == "scenario":
+    if not isinstance(section.basis, Blocks):
         names = context.states, context.inputs
         basis = listed_basis(section.basis, *names, box, free_axes(context.case)).evaluate(x, u)
         d = d - basis @ np.linalg.lstsq(basis, d, rcond=None)[0]

@@ -1,16 +1,16 @@
-"""Step `gap`: the dimensions put together, padded, and checked on fresh samples."""
+"""Step `gap`: the fits of all dimensions put together, padded, checked on fresh samples and reported."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 
 from simgap.arrays import Floats
 from simgap.config.gap import GapSection
-from simgap.errors import UserError
+from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bounds.function import GapFunction, Tier
 from simgap.gap.fitting.acceptance import (
     BorderCheck,
@@ -19,14 +19,16 @@ from simgap.gap.fitting.acceptance import (
     confirmed,
     covering_remainder,
     none_outside,
+    remedy,
     tolerate,
 )
-from simgap.gap.fitting.bound_fit import GapResult, assemble, fit_from_json
+from simgap.gap.fitting.dimension_fit import DimensionFit, Sides, fit_from_json
 from simgap.gap.fitting.force_reversal import staircase_height, staircase_tier
-from simgap.gap.lipschitz.grid import DimensionLipschitz
+from simgap.gap.json_record import JsonRecord
+from simgap.gap.lipschitz.grid import DimensionLipschitz, GridLipschitz, LipschitzRow
 from simgap.gap.memory.bound import hidden_bound
 from simgap.gap.memory.hidden_state import tolerance_of
-from simgap.gap.noise import NoiseStatement, statement_of
+from simgap.gap.noise import statement_of
 from simgap.gap.sampling.borders import (
     CHECK,
     MAKE_BORDERS,
@@ -34,7 +36,6 @@ from simgap.gap.sampling.borders import (
     SHIFTED,
     border_gaps,
     border_states,
-    directed_samples,
     stops_of,
     switching_surfaces,
 )
@@ -48,8 +49,16 @@ from simgap.gap.sampling.points import (
     known_radius,
     remembers,
 )
-from simgap.gap.sampling.samples import SampleGrid, check_drawn, motion_of, read_back, sample_grid, steps_of
+from simgap.gap.sampling.samples import (
+    SampleGrid,
+    check_drawn,
+    motion_of,
+    read_back,
+    sample_grid,
+    steps_of,
+)
 from simgap.gap.sampling.symmetry import SymmetryDeviation
+from simgap.gap.thresholds import GATE
 from simgap.plants.context import Context
 from simgap.simulators.findings import to_stop
 
@@ -64,11 +73,6 @@ FINER = (
     "Use a finer grid, a smaller eps or half-widths (`simgap refine` says along which states), or set "
     "gap.tolerated_probability."
 )
-WIDER = (
-    "A conformal bound leaves out up to gap.conformal.miscoverage of the random samples: lower that, or set "
-    "gap.tolerated_probability further above it."
-)
-
 MORE_DRAWS = (
     "More fresh samples (gap.fresh_samples) confirm a smaller share; if they do not, the quantiles of the noise change "
     "more between samples than their extremes do: use a finer grid, or a smaller gap.noise.alpha."
@@ -81,7 +85,7 @@ class Made:
 
     Attributes:
         points: the grid. scp, lipschitz: saved results by state. shards: roll-outs, for pictures.
-        fresh: samples that no fit has seen. calibration: samples of a conformal bound.
+        fresh: samples that no fit has seen.
         borders: samples on borders and beside switching surfaces; a case with hidden state has none.
     """
 
@@ -90,7 +94,6 @@ class Made:
     lipschitz: Mapping[str, Mapping[str, Any]]
     shards: Sequence[Columns]
     fresh: Columns
-    calibration: Columns | None = None
     borders: Columns | None = None
 
 
@@ -118,10 +121,16 @@ def gap(context: Context, made: Made) -> Bound:
     section, where = context.need(context.case.gap, "gap"), sample_grid(context, made.points)
     result, added = _assembled(context, made, section, where)
     noise = statement_of(context.case, where.size)
-    check = _fresh_check(context, made.fresh, section, result.function, noise)
-    beside = border_check(context, made.points.name, made.borders or {}, result.function)
-    if section.bound != "conformal":
-        none_outside(beside)
+    x, u, d, _ = gap_ends(context.plant.sampled.step, made.fresh, context.states, context.inputs)
+    check_drawn(context, x, u)
+    check = check_fresh(result.function, x, u, d, section.confidence)
+    tolerate(check, *((section.tolerated_probability, FINER) if noise is None else (noise.alpha, MORE_DRAWS)))
+    x, u, lower, upper = border_gaps(
+        context, made.borders or {}, CHECK, border_states(context, made.points.name, CHECK)
+    )
+    found = check_fresh(result.function, x, u, lower, d_upper=upper)
+    beside = BorderCheck(len(x), found.violations, len(switching_surfaces(context)), found.worst, found.outside)
+    none_outside(beside)
     tiers = confirmed(result.function.tiers, check)
     if noise is not None:
         tiers = [Tier(1, noise.of_step), *(tier for tier in result.function.tiers if tier.level != 1)]
@@ -141,13 +150,11 @@ def _assembled(
     context: Context, made: Made, section: GapSection, where: SampleGrid
 ) -> tuple[GapResult, list[Tier]]:  # fmt: skip
     """The bound before it is checked, and statements on what was added to it: a staircase, a symmetry's deviation."""
-    names, step = context.states, context.plant.sampled.step
+    names = context.states
     fits = [read_back(fit_from_json, made.scp[n]) for n in names]
     known = [read_back(DimensionLipschitz.from_json, made.lipschitz[n]) for n in names]
-    drawn = gap_ends(step, made.calibration, names, context.inputs)[:3] if made.calibration else None
     if made.borders is None:
         raise UserError(NO_BORDERS, remedy=MAKE_BORDERS)
-    directed = tuple(directed_samples(context, made.points.name, made.borders, i) for i in range(len(names)))
     added, tiers = [], []
     stair = staircase_height(context) if where.known is None else None
     if stair is not None:
@@ -157,26 +164,7 @@ def _assembled(
     if shifts is not None:
         added.append(shifts.largest)
         tiers.append(shifts.tier(names))
-    return assemble(where, section, fits, known, drawn, directed, np.sum(added, axis=0) if added else None), tiers
-
-
-def _fresh_check(
-    context: Context, fresh: Columns, section: GapSection, function: GapFunction, noise: NoiseStatement | None
-) -> FreshCheck:
-    """The bound checked against the fresh samples.
-
-    Raises:
-        UserError: samples of another case.
-        BrokenPromise: more violations than the case tolerates.
-    """
-    x, u, d, _ = gap_ends(context.plant.sampled.step, fresh, context.states, context.inputs)
-    check_drawn(context, x, u)
-    check = check_fresh(function, x, u, d, section.confidence)
-    if noise is not None:
-        tolerate(check, noise.alpha, MORE_DRAWS)
-    else:
-        tolerate(check, section.tolerated_probability, WIDER if section.bound == "conformal" else FINER)
-    return check
+    return assemble(where, section, fits, known, np.sum(added, axis=0) if added else None), tiers
 
 
 def _shifts(context: Context, name: str, borders: Columns) -> SymmetryDeviation | None:
@@ -200,8 +188,7 @@ def seeds(context: Context) -> dict[str, int]:
     if hidden is not None:
         return {"histories": hidden.seed, "fresh": hidden.fresh_seed}
     section = context.need(section, "gap")
-    drawn = {"calibration": section.conformal.seed} if section.bound == "conformal" else {}
-    return {"fresh": section.seed, "fit": section.seed} | drawn
+    return {"fresh": section.seed, "fit": section.seed}
 
 
 def _thinned(context: Context, step: Step, count: int, shards: Sequence[Columns]) -> dict[str, Floats]:
@@ -244,12 +231,111 @@ def reached_stops(context: Context, states: Sequence[str]) -> list[str]:
     ]
 
 
-def border_check(context: Context, name: str, rolled: Columns, function: GapFunction) -> BorderCheck:
-    """The bound checked against the samples of the check, which no fit has seen.
+@dataclass(frozen=True, eq=False)
+class DimensionReport(JsonRecord):
+    """Bound, slopes and programs of one dimension.
+
+    Attributes:
+        largest_sampled_gap: largest |d|. sup_size, sup_width: see `GapSuprema`; the first over the largest sample.
+        mean_size, mean_width: means of max(|lo|, |hi|) and of hi - lo over X x U, see `_means`.
+        lipschitz, lipschitz_estimates: of its Lipschitz constant.
+        scenario: fitted sides by name (`upper` and `lower`, or `both`), empty for bounds without a program.
+    """
+
+    state: str
+    largest_sampled_gap: float
+    sup_size: float
+    sup_width: float
+    sup_over_largest_sample: float
+    mean_size: float
+    mean_width: float
+    lipschitz: GridLipschitz
+    lipschitz_estimates: tuple[LipschitzRow, ...]
+    scenario: Sides = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class GapResult:
+    """A fitted gap function with its reports, one for each dimension."""
+
+    function: GapFunction
+    dimensions: tuple[DimensionReport, ...]
+    samples: int
+
+    def to_json(self) -> dict[str, Any]:
+        """The content of gap.json."""
+        return {
+            **self.function.to_json(),
+            "samples": self.samples,
+            "dimensions": [d.to_json() for d in self.dimensions],
+        }
+
+
+def assemble(
+    where: SampleGrid, settings: GapSection, fits: Sequence[DimensionFit], lipschitz: Sequence[DimensionLipschitz],
+    deviation: Floats | None = None,
+) -> GapResult:  # fmt: skip
+    """The gap function of all dimensions, padded.
+
+    `deviation`, (nx,), is added on both sides: by how much a declared symmetry does not hold, and its staircase.
 
     Raises:
-        UserError: a table of another case, or of another grid.
+        UserError: fits of different kinds.
+        BrokenPromise: when the grid does not resolve the gap or a residual.
     """
-    x, u, lower, upper = border_gaps(context, rolled, CHECK, border_states(context, name, CHECK))
-    found = check_fresh(function, x, u, lower, d_upper=upper)
-    return BorderCheck(len(x), found.violations, len(switching_surfaces(context)), found.worst, found.outside)
+    if len({type(fit) for fit in fits}) != 1:
+        raise UserError("the fits of the dimensions are of different kinds", remedy="Run the scp stage again.")
+    check_resolved(where, settings, lipschitz)
+    function, sides = type(fits[0]).bound(fits, where, settings, lipschitz)
+    if deviation is not None:
+        function = function.raised(deviation, deviation)
+    return GapResult(function, _reports(where, settings, function, lipschitz, sides), where.size)
+
+
+def check_resolved(where: SampleGrid, settings: GapSection, lipschitz: Sequence[DimensionLipschitz]) -> None:
+    """Refuse where the grid does not resolve the gap and the padding has no local jump bound for it.
+
+    Raises:
+        BrokenPromise: naming the state.
+    """
+    local = settings.padding == "inflate"
+    for name, known in zip(where.states, lipschitz, strict=True):
+        found = known.grid
+        if local and found.rough_share <= settings.lipschitz.rough_limit:
+            continue
+        if local or not found.resolved:
+            raise BrokenPromise(
+                f"the gap of {name} is not Lipschitz at this grid: L(h/2)/L(h) = {found.ratio.max():.2f} > {GATE}, "
+                f"{100 * found.rough_share:.2g} % of the cells are rough; "
+                f"{found.place(where.states)}",
+                remedy(where, settings, found, found.rough_share),
+            )
+
+
+def _reports(
+    where: SampleGrid, settings: GapSection, function: GapFunction, lipschitz: Sequence[DimensionLipschitz],
+    sides: Sequence[Sides],
+) -> tuple[DimensionReport, ...]:  # fmt: skip
+    suprema = function.sup()
+    size, width = _means(where, function, settings.seed)
+    reports = []
+    for i, (state, known) in enumerate(zip(where.states, lipschitz, strict=True)):
+        sup, largest, means = suprema[state], known.largest, (float(size[i]), float(width[i]))
+        ratio = sup.size / largest if largest > 0.0 else float("inf")
+        bound = state, largest, sup.size, sup.width, ratio, *means
+        reports.append(DimensionReport(*bound, known.grid, known.estimates, sides[i]))
+    return tuple(reports)
+
+
+def _means(where: SampleGrid, function: GapFunction, seed: int, chunk: int = 200_000) -> tuple[Floats, Floats]:
+    """(nx,), (nx,) means of max(|lo|, |hi|) and hi - lo over X x U: one random point of each cell for each input."""
+    x, m, rng = where.grid.centres(), len(where.inputs), np.random.default_rng([seed, 1])
+    size, width = np.zeros(len(where.states)), np.zeros(len(where.states))
+    step = max(1, chunk // m)
+    for a in range(0, len(x), step):
+        part = np.repeat(x[a : a + step], m, axis=0)
+        part += where.grid.h * rng.uniform(-1.0, 1.0, part.shape)
+        lo, hi = function.bounds(part, np.tile(where.inputs, (len(part) // m, 1)))
+        size += np.maximum(np.abs(lo), np.abs(hi)).sum(axis=0)
+        width += (hi - lo).sum(axis=0)
+    return size / (len(x) * m), width / (len(x) * m)

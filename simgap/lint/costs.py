@@ -257,7 +257,7 @@ def _control(context: Context, rollout: float, startup: float, pair: float) -> I
 def _terms(context: Context) -> int:
     """Number of terms of a basis that is one; `check` tells of others."""
     section = context.case.gap
-    if section is None or section.bound not in ("scenario", "conformal"):
+    if section is None:
         return 0
     kept = [j for j in range(len(context.states)) if j not in free_axes(context.case)]
     box = Box(context.box.lo[kept], context.box.hi[kept])

@@ -47,10 +47,10 @@ def refuse_basis(context: Context) -> None:
         UserError: with the key.
     """
     section = context.case.gap
-    if section is None or section.bound not in ("scenario", "conformal") or context.case.domain is None:
+    if section is None or context.case.domain is None:
         return
-    from simgap.gap.bounds.basis import widened
-    from simgap.gap.fitting.linear_fit import listed_basis  # takes a second: only paid by cases that get this far
+    from simgap.gap.bounds.linear import widened
+    from simgap.gap.fitting.dimension_fit import listed_basis  # takes a second: only paid by cases that get this far
 
     with placed(key="gap.basis"):
         free = free_axes(context.case)

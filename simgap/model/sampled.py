@@ -25,10 +25,9 @@ from numpy.typing import ArrayLike
 from simgap.arrays import Bools, Floats
 from simgap.geometry import rows
 from simgap.late import sympy as sp
-from simgap.model.compile import Kernel, compile_interval_kernel, compile_kernel
+from simgap.model.compile import Kernel, cached_kernel, compile_interval_kernel, compile_kernel
 from simgap.model.integrators import Exprs, discretise, rk4_exprs
 from simgap.model.interval import iadd, imul
-from simgap.model.kernel_cache import cached_kernel
 from simgap.model.symbolic import SymbolicModel
 
 Axes = frozenset[int]

@@ -176,17 +176,14 @@ def declared_model(section: PlantSection, folder: Path) -> SymbolicModel:
         UserError: whatever is wrong with the model file, the equations or the units.
     """
     if section.urdf is not None:
-        return _from_urdf(section, folder / section.urdf)
+        path = folder / section.urdf
+        check_urdf(path)
+        check_joint_units(section, path)
+        own = {n: s for n, s in section.states.items() if s.lag_of is None}
+        return load_urdf(path, own, section.inputs, section.gravity)
     if section.symbolic is None:  # the section's own check makes this impossible
         raise UserError("neither urdf nor symbolic", key="plant")
     return _from_equations(section, section.symbolic)
-
-
-def _from_urdf(section: PlantSection, path: Path) -> SymbolicModel:
-    check_urdf(path)
-    check_joint_units(section, path)
-    own = {n: s for n, s in section.states.items() if s.lag_of is None}
-    return load_urdf(path, own, section.inputs, section.gravity)
 
 
 def _from_equations(section: PlantSection, written: SymbolicPlant) -> SymbolicModel:

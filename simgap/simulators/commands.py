@@ -25,22 +25,6 @@ from simgap.plants.model_file import Link
 from simgap.simulators.base import Simulator, added_effects, domain_of
 
 
-def command_paths(
-    effects: Sequence[AddedEffect], values: Mapping[str, Sequence[float]], known_delay: float
-) -> list[CommandPath]:
-    """The path of each input, by name in `values`.
-
-    Raises:
-        UserError: an effect on an input that the plant does not have.
-    """
-    for k, e in enumerate(effects):
-        if isinstance(effect(e.name), InputEffect) and e.on not in values:
-            raise UserError(
-                f"'{e.on}' is not an input", key=f"simulator.effects.{k}.on", remedy=f"Inputs: {', '.join(values)}."
-            )
-    return [CommandPath.of(effects, name, own, known_delay) for name, own in values.items()]
-
-
 def command_after(
     effects: Sequence[AddedEffect], name: str, command: sp.Expr, velocity: sp.Expr | None = None
 ) -> sp.Expr:
@@ -183,11 +167,19 @@ def check_lagged(case: Case) -> list[str]:
 
 
 def case_command_paths(case: Case) -> list[CommandPath]:
-    """The paths of the commands; the delay that the controller has as its latency is not acted out a second time."""
-    domain = domain_of(case)
+    """The path of each input; the delay that the controller has as its latency is not acted out a second time.
+
+    Raises:
+        UserError: an effect on an input that the plant does not have.
+    """
+    domain, effects, inputs = domain_of(case), added_effects(case), case.plant.inputs
+    for k, e in enumerate(effects):
+        if isinstance(effect(e.name), InputEffect) and e.on not in inputs:
+            raise UserError(
+                f"'{e.on}' is not an input", key=f"simulator.effects.{k}.on", remedy=f"Inputs: {', '.join(inputs)}."
+            )
     known = domain.tau * case.sensing.known_delay if case.sensing else 0.0
-    values = {name: domain.U[name].list().tolist() for name in case.plant.inputs}
-    return command_paths(added_effects(case), values, known)
+    return [CommandPath.of(effects, name, domain.U[name].list().tolist(), known) for name in inputs]
 
 
 class RememberingInputs(Simulator):

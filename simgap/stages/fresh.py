@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -26,28 +25,14 @@ def run(case_path: CasePath, out: Out, engine_log: Path | None = None, workers: 
         _sequences(context, context.case.hidden_state, out, engine_log, workers)
         return
     section = context.need(context.case.gap, "gap")
-    random_samples(context, Draw("fresh", section.fresh_samples, section.seed), out, engine_log, workers)
-
-
-@dataclass(frozen=True)
-class Draw:
-    """Random samples for a stage: how many, and the seed that is theirs alone."""
-
-    stage: str
-    count: int
-    seed: int
-
-
-def random_samples(context: Context, wanted: Draw, out: Path, engine_log: Path | None, workers: int) -> None:
-    """Roll out random pairs, uniform on X x U, and write them."""
     with context.blame():
-        x, u = draw(context.box, context.input_set, wanted.count, wanted.seed)
+        x, u = draw(context.box, context.input_set, section.fresh_samples, section.seed)
         parts = zip(np.array_split(x, workers), np.array_split(u, workers), strict=True)
         jobs = [(context.case, context.folder, a, b) for a, b in parts]
         results = run_in_processes(roll_out, jobs, workers, engine_log)
     following, engine = np.concatenate([successors for successors, _ in results]), results[0][1]
     columns = successor_columns(context.case, x, u, following)
-    write_rollouts(context, out, wanted.stage, columns, engine, {"samples": wanted.seed}, seed=wanted.seed)
+    write_rollouts(context, out, "fresh", columns, engine, {"samples": section.seed}, seed=section.seed)
     log.info("wrote %d random samples to %s", len(x), out)
 
 

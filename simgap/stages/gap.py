@@ -24,7 +24,6 @@ class GapFiles:
     scp: Annotated[Path, Option("Scenario programs.")]
     lipschitz: Annotated[Path, Option("Lipschitz estimates.")]
     fresh: Annotated[Path, Option("Fresh samples to check the bound on.")]
-    calibration: Annotated[Path | None, Option("Samples for a conformal bound.")] = None
     borders: Borders = None
 
 
@@ -51,7 +50,6 @@ def run(
             read_dimensions(context, "lipschitz", points.name, made.lipschitz),
             Rolled(context, made.rollouts),
             read_samples(context, made.fresh, "fresh"),
-            read_samples(context, made.calibration, "calibration") if made.calibration else None,
             read_samples(context, made.borders, "borders") if made.borders else None,
         )
         bound = gap(context, content)

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from simgap.errors import UserError
-from simgap.gap.fitting.bound_fit import fit_dimension
-from simgap.gap.fitting.dimension_fit import DimensionFit
+from simgap.gap.fitting.dimension_fit import DimensionFit, fit_dimension
 from simgap.gap.memory.hidden_state import HullFit, fit_hull
 from simgap.gap.sampling.borders import MAKE_BORDERS, NO_BORDERS, directed_samples
 from simgap.gap.sampling.points import AFTER_PREVIOUS, SEQUENCE, Columns, Points, remembers

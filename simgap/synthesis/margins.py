@@ -44,7 +44,7 @@ from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapFunction
 from simgap.geometry import Grid, mesh
 from simgap.late import njit
-from simgap.model.kernel_cache import cached_kernel
+from simgap.model.compile import cached_kernel
 from simgap.model.sampled import NominalModel
 from simgap.plants.context import Context
 from simgap.specifications.base import specification_of

@@ -18,7 +18,7 @@ from simgap.config.gap import GapSection, LipschitzSection
 from simgap.errors import UserError
 from simgap.extras.certify import Certified, prefix, write_certificate
 from simgap.gap.bases import Expressions
-from simgap.gap.bounds.closed_form import ClosedFormGap
+from simgap.gap.bounds.enclosures import ClosedFormGap
 from simgap.geometry import Box, Grid
 from simgap.model.expressions import parse
 from simgap.model.sampled import NominalModel
@@ -481,7 +481,7 @@ def test_ranges_hold_the_values(arithmetics, text):
 def test_what_a_certificate_does_not_cover_is_refused_in_one_line(made, tmp_path):
     from simgap.gap.bounds.cells import CellGap
 
-    blocks = CellGap(made.bound.domain, (), (), (), np.zeros(0), np.zeros(0), np.zeros((2, 2)))
+    blocks = CellGap(made.bound.domain, (), (), np.zeros(0), np.zeros(0))
     late = replace(made.solution, memory=2, late=True)
     reach = replace(made.solution, value=np.zeros(np.prod(SHAPE), np.int32))
     for changed, words in (

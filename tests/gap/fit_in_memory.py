@@ -7,9 +7,9 @@ from functools import cached_property
 
 from simgap.arrays import Floats
 from simgap.config.gap import GapSection
-from simgap.gap.bounds.closed_form import ClosedFormGap
-from simgap.gap.fitting.bound_fit import GapResult, assemble, check_resolved, fit_dimension
-from simgap.gap.fitting.dimension_fit import Calibration
+from simgap.gap.bounds.enclosures import ClosedFormGap
+from simgap.gap.checked_bound import GapResult, assemble, check_resolved
+from simgap.gap.fitting.dimension_fit import fit_dimension
 from simgap.gap.lipschitz.estimates import dimension_lipschitz
 from simgap.gap.sampling.borders import Directed
 from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
@@ -59,8 +59,8 @@ class GapSamples:
         return DimensionSamples(self.where, i, values(self.d[:, :, i]), upper, beside)
 
 
-def fit_gap(samples: GapSamples, settings: GapSection, calibration: Calibration | None = None) -> GapResult:
-    """Fit the bound that the settings ask for; a conformal one needs `calibration`, iid samples of its own.
+def fit_gap(samples: GapSamples, settings: GapSection) -> GapResult:
+    """Fit the bound that the settings ask for.
 
     Raises:
         UserError: for settings that do not fit the samples.
@@ -70,4 +70,4 @@ def fit_gap(samples: GapSamples, settings: GapSection, calibration: Calibration 
     lipschitz = [dimension_lipschitz(part, settings) for part in parts]
     check_resolved(samples.where, settings, lipschitz)
     fits = [fit_dimension(p, settings) for p in parts]
-    return assemble(samples.where, settings, fits, lipschitz, calibration, samples.directed)
+    return assemble(samples.where, settings, fits, lipschitz)

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from simgap.config.gap import ConformalSection, GapSection, LipschitzSection
+from simgap.config.gap import GapSection, LipschitzSection
 from simgap.gap.bases import Monomials
 from simgap.geometry import Box, Grid
 from tests.gap.fit_in_memory import GapSamples
@@ -19,14 +19,9 @@ PAPER = ("x1^2", "x2^2", "x1*x2", "x1", "x2", "u", "1")
 
 
 def gap_section(basis=None, **options):
-    """A case's section `gap`; options of its parts `lipschitz` and `conformal` are given by their names alone."""
-    parts = {"lipschitz": LipschitzSection, "conformal": ConformalSection}
-    own = {
-        name: {k: options.pop(k) for k in list(options) if k in part.model_fields and k != "seed"}
-        for name, part in parts.items()
-    }
-    missed = own["conformal"].get("miscoverage", 0.01)
-    return GapSection(basis=basis or Monomials(), tolerated_probability=1.2 * missed, **own, **options)
+    """A case's section `gap`; options of its part `lipschitz` are given by their names alone."""
+    own = {k: options.pop(k) for k in list(options) if k in LipschitzSection.model_fields}
+    return GapSection(basis=basis or Monomials(), tolerated_probability=0.012, lipschitz=own, **options)
 
 
 def smooth(x, u):

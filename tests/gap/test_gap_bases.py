@@ -4,8 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simgap.errors import UserError
-from simgap.gap.bases import Blocks, Expressions, Monomials, Trigonometric
-from simgap.gap.bounds.basis import Basis, make_form, supremum
+from simgap.gap.bases import Blocks, Expressions, Monomials
+from simgap.gap.bounds.linear import Basis, make_form, supremum
 from tests.gap.gap_examples import PAPER, U, X
 
 NAMES = (("x1", "x2"), ("u",))
@@ -97,7 +97,6 @@ def test_supremum_of_a_quadratic_inside_the_box():
     [
         (Monomials(degree=2), 9),  # 6 of x alone, u, u x1, u x2
         (Monomials(degree=0), 1),
-        (Trigonometric(harmonics=2), 10),
         (Expressions(terms=PAPER), 7),
         (Blocks(blocks=(4, 4)), 1),
     ],

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.bases import Blocks, Expressions, Monomials, Trigonometric
+from simgap.gap.bases import Blocks, Expressions, Monomials
 from simgap.gap.bounds.load import from_json
 from simgap.gap.fitting.acceptance import check_fresh, clopper_pearson_upper
 from tests.gap.fit_in_memory import fit_gap
@@ -15,10 +15,8 @@ KINDS = {
     "unsigned": {"sides": "unsigned"},
     "per axis": {"padding": "per_axis"},
     "paper": {"padding": "paper", "objective": "eta", "sides": "unsigned"},
-    "constant": {"bound": "constant"},
-    "envelope": {"bound": "envelope"},
+    "constant": {"basis": Expressions(terms=("1",))},
     "blocks": {"basis": Blocks(blocks=(8, 8))},
-    "trigonometric": {"basis": Trigonometric(harmonics=2)},
     "cubic": {"basis": Monomials(degree=3)},
     "own terms": {"basis": Expressions(terms=("sin(x1)", "tanh(x2/0.05)", "u", "1"))},
 }
@@ -33,7 +31,7 @@ def fit(samples, **kind):
 @pytest.mark.parametrize("function", [smooth, coulomb])
 def test_every_bound_covers_off_the_grid_or_is_refused(name, function):
     samples = on_grid(function, eps=0.0147)
-    if function is coulomb and name in ("per axis", "paper", "envelope"):
+    if function is coulomb and name in ("per axis", "paper"):
         with pytest.raises(BrokenPromise, match="not Lipschitz"):
             fit(samples, **KINDS[name])
         return
@@ -44,7 +42,7 @@ def test_every_bound_covers_off_the_grid_or_is_refused(name, function):
     assert {tier.level for tier in result.function.tiers} == {1, 2}
 
 
-@pytest.mark.parametrize("name", ["signed", "unsigned", "envelope", "blocks", "own terms"])
+@pytest.mark.parametrize("name", ["signed", "unsigned", "blocks", "own terms"])
 def test_kernel_boxes_points_and_json_agree(name):
     function = fit(on_grid(smooth), **KINDS[name]).function
     again = from_json(json.loads(json.dumps(function.to_json())))
@@ -69,7 +67,7 @@ def test_kernel_boxes_points_and_json_agree(name):
     assert np.all((at_hi - at_lo).max(axis=0) <= np.array([s.width for s in suprema]) * (1 + 1e-6) + slack)
 
 
-@pytest.mark.parametrize("name", ["signed", "unsigned", "envelope"])
+@pytest.mark.parametrize("name", ["signed", "unsigned", "blocks"])
 def test_no_bound_outside_the_domain(name):
     function = fit(on_grid(smooth), **KINDS[name]).function
     lo, hi = function.bounds(np.array([[0.21, 0.0], [0.2, 0.5]]), U[:2])
@@ -83,7 +81,7 @@ def test_no_bound_outside_the_domain(name):
 
 
 def test_cell_tables_know_their_inputs():
-    function = fit(on_grid(smooth), **KINDS["envelope"]).function
+    function = fit(on_grid(smooth), **KINDS["blocks"]).function
     lo, hi = function.bounds(np.zeros((1, 2)), np.array([[0.123]]))
     assert np.isneginf(lo).all()
     assert np.isposinf(hi).all()
@@ -116,32 +114,6 @@ def test_hidden_states_spread_the_gap():
     x, u, d = off_grid(smooth)
     assert check_fresh(function, x, u, d, d_upper=d + 1e-3).violations == 0
     assert check_fresh(function, x, u, d + 2e-3).violations == len(x)
-
-
-def test_conformal_covers_a_random_sample_as_often_as_stated():
-    samples = on_grid(coulomb)
-    settings = gap_section(basis=Expressions(terms=PAPER), bound="conformal", miscoverage=0.05, extreme_value=False)
-    outside = []
-    for seed in range(5):
-        calibration = off_grid(coulomb, 2000, seed=seed)
-        function = fit_gap(samples, settings, calibration).function
-        outside.append(check_fresh(function, *off_grid(coulomb, 20_000, seed=100 + seed)).violations / 20_000)
-    assert np.mean(outside) == pytest.approx(0.05, abs=0.01)
-    assert "not a bound for every state" in function.tiers[0].text
-    with pytest.raises(UserError, match=r"random samples of its own.*simgap calibration"):
-        fit_gap(samples, settings)
-
-
-def test_conformal_needs_enough_samples():
-    settings = gap_section(bound="conformal", miscoverage=0.001)
-    with pytest.raises(UserError, match="too few"):
-        fit_gap(on_grid(smooth), settings, off_grid(smooth, 500))
-
-
-def test_conformal_refuses_a_gap_that_hidden_states_spread():
-    spread = on_grid(smooth, d_upper=on_grid(smooth).d + 1e-3)
-    with pytest.raises(UserError, match="hidden states"):
-        fit_gap(spread, gap_section(bound="conformal"), off_grid(smooth, 500))
 
 
 def test_free_axes():

@@ -7,7 +7,8 @@ import pytest
 from scipy.stats import weibull_max
 
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.fitting.bound_fit import check_resolved, fit_dimension
+from simgap.gap.checked_bound import check_resolved
+from simgap.gap.fitting.dimension_fit import fit_dimension
 from simgap.gap.lipschitz.estimates import dimension_lipschitz, fit_reverse_weibull, profile_upper
 from simgap.gap.lipschitz.grid import DimensionLipschitz, GridLipschitz, estimate, roughness
 from simgap.gap.lipschitz.local import FitSlopes, LocalPadding, OffGrid
@@ -194,6 +195,13 @@ def test_profile_limit_covers_about_as_often_as_it_says():
         maxima = weibull_max(3.0, loc=1.0, scale=0.1).rvs(100, random_state=rng)
         hits += profile_upper(maxima, fit_reverse_weibull(maxima)) >= 1.0
     assert hits >= 33  # 95 % of 40 is 38; 33 is more than three standard deviations below
+
+
+def test_slopes_that_differ_by_rounding_alone_are_given_no_law():
+    plane = on_grid(lambda x, u: 10.0 + 0.002 * x, eps=0.05)
+    row = dimension_lipschitz(plane.dimension(0), gap_section()).estimates[-1]
+    assert row.note == "all blocks agree"
+    assert row.value == pytest.approx(0.002)
 
 
 def test_the_spacing_limit_lies_beyond_the_largest_slope():

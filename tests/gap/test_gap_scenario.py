@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import linprog
 
 from simgap.errors import UserError
-from simgap.gap.bounds.basis import Basis
+from simgap.gap.bounds.linear import Basis
 from simgap.gap.fitting.scenario import Design, solve_scenario
 from tests.gap.gap_examples import PAPER, U, coulomb, on_grid, smooth
 

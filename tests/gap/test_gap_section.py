@@ -12,12 +12,7 @@ from simgap.gap.bases import Blocks, Expressions
 
 def test_defaults_are_the_tightest():
     settings = GapSection(basis=("x1", "1"))
-    assert (settings.objective, settings.sides, settings.padding, settings.bound) == (
-        "lexicographic",
-        "signed",
-        "inflate",
-        "scenario",
-    )
+    assert (settings.objective, settings.sides, settings.padding) == ("lexicographic", "signed", "inflate")
     assert settings.basis == Expressions(terms=("x1", "1"))
 
 
@@ -34,12 +29,8 @@ def test_a_kind_with_options():
         ({"basis": ["1"], "padding": "none"}, "padding"),
         ({"basis": ["1"], "objective": "min"}, "objective"),
         ({"basis": ["1"], "sides": "both"}, "sides"),
-        ({"basis": ["1"], "bound": "x"}, "bound"),
         ({"basis": ["1"], "fresh_samples": 0}, "fresh_samples"),
         ({"basis": ["1"], "colour": "red"}, "colour"),
-        ({"basis": ["1"], "bound": "conformal"}, "tolerated_probability above that, such as 0.012; it is 0"),
-        ({"basis": ["1"], "bound": "conformal", "tolerated_probability": 0.01}, "tolerated_probability above"),
-        ({"basis": ["1"], "bound": "conformal", "tolerated_probability": 0.02, "seed": 3}, "both 3"),
     ],
 )
 def test_mistakes(content, says):
@@ -52,7 +43,6 @@ def test_mistakes(content, says):
     [
         ({"kind": "monomials", "harmonics": 2}, "gap.basis.harmonics: unknown key. Known: kind, degree."),
         ({"kind": "monomials", "degree": -1}, "gap.basis.degree: the number must be at least 0"),
-        ({"kind": "trigonometric", "harmonics": 0}, "gap.basis.harmonics: the number must be at least 1"),
         ([], "gap.basis.terms: the basis has no terms; list at least the constant 1"),
         ({"kind": "fourier"}, "gap.basis: no basis is called 'fourier'"),
     ],
@@ -66,5 +56,5 @@ def test_a_wrong_option_is_one_line_with_its_key(vary, basis, says):
 
 def test_every_key_is_described():
     defs = json.loads(schema_text())["$defs"]
-    names = ("GapSection", "RemainderWithin", "LipschitzSection", "ConformalSection")
+    names = ("GapSection", "RemainderWithin", "LipschitzSection")
     assert all("description" in key for name in names for key in defs[name]["properties"].values())

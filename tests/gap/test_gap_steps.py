@@ -7,7 +7,8 @@ import pytest
 
 from simgap.errors import UserError
 from simgap.gap.bases import Blocks, Expressions
-from simgap.gap.fitting.bound_fit import assemble, fit_dimension, fit_from_json
+from simgap.gap.checked_bound import assemble
+from simgap.gap.fitting.dimension_fit import fit_dimension, fit_from_json
 from simgap.gap.lipschitz.estimates import dimension_lipschitz
 from simgap.gap.lipschitz.grid import DimensionLipschitz
 from simgap.gap.sampling.points import Points, covering_point, cut, product, radius
@@ -21,9 +22,7 @@ SETTINGS = {
     "per_axis": {"padding": "per_axis", "sides": "unsigned"},
     "blocks": {"basis": Blocks(blocks=(4, 5))},
     "blocks, paper": {"basis": Blocks(blocks=(4, 5)), "padding": "paper"},
-    "constant": {"bound": "constant"},
-    "envelope": {"bound": "envelope"},
-    "conformal": {"bound": "conformal", "miscoverage": 0.05},
+    "constant": {"basis": Expressions(terms=("1",))},
 }
 
 
@@ -34,17 +33,15 @@ def through_a_file(result):
 @pytest.mark.parametrize("name", SETTINGS)
 def test_a_bound_made_of_saved_results_is_the_same(name):
     settings = gap_section(**({"basis": Expressions(terms=PAPER)} | SETTINGS[name]))
-    samples, drawn = on_grid(smooth, eps=0.04), off_grid(smooth, 500, seed=3)
+    samples = on_grid(smooth, eps=0.04)
     parts = [samples.dimension(i) for i in (0, 1)]
     fits = [fit_from_json(through_a_file(fit_dimension(part, settings))) for part in parts]
     known = [DimensionLipschitz.from_json(through_a_file(dimension_lipschitz(part, settings))) for part in parts]
-    made, whole = assemble(samples.where, settings, fits, known, drawn), fit_gap(samples, settings, drawn)
+    made, whole = assemble(samples.where, settings, fits, known), fit_gap(samples, settings)
     assert made.to_json() == whole.to_json()
     x, u, _ = off_grid(smooth, 300)
     for one, other in zip(made.function.bounds(x, u), whole.function.bounds(x, u), strict=True):
         assert np.array_equal(one, other)
-    if name in ("envelope", "conformal"):
-        assert all(fit.to_json()["program"].startswith("none:") for fit in fits)
 
 
 def test_no_padding_but_inflate_enters_the_program():

@@ -251,9 +251,8 @@ def test_a_gap_is_shown_along_the_state_that_it_follows_and_never_along_a_free_o
     d = np.stack([-np.sign(x[:, 1]), 0.1 * x[:, 2], np.zeros(400)], axis=1)
     domain = GapDomain(("a", "b", "c"), ("u",), box, inputs, free=(0,))
     edges = (np.array([-1.0, 1.0]), np.array([-1.0, 0.0, 1.0]), np.array([-1.0, 1.0]))
-    nodes = tuple(0.5 * (e[:-1] + e[1:]) for e in edges)
     middle = np.array([[[1.0, 0.0, 0.0]], [[-1.0, 0.0, 0.0]]])
-    gap = CellGap(domain, (Tier(1, "made up"),), edges, nodes, middle - 0.2, middle + 0.2, np.zeros((3, 3)))
+    gap = CellGap(domain, (Tier(1, "made up"),), edges, middle - 0.2, middle + 0.2)
     assert [followed_axis(gap, x, d[:, i]) for i in (0, 1)] == [1, 2]
     figure = figures_gap.bound_figure(gap, x, np.zeros((400, 1)), d, {"a": "m", "b": "m/s", "c": "rad"})
     assert [axes.get_xlabel().split()[0] for axes in figure.axes[3:5]] == ["b", "c"]

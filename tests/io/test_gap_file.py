@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from simgap.errors import UserError
-from simgap.gap.bounds.basis import Basis, make_form
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.cells import CellGap
 from simgap.gap.bounds.function import GapDomain, Tier
-from simgap.gap.bounds.linear import LinearGap
+from simgap.gap.bounds.linear import Basis, LinearGap, make_form
 from simgap.geometry import Box
 from simgap.io.gap_file import load_gap
 from simgap.io.results import write_json
@@ -30,9 +29,8 @@ def linear():
 
 def cells():
     edges = (np.linspace(-1, 1, 3), np.linspace(-2, 2, 3))
-    nodes = tuple(0.5 * (e[1:] + e[:-1]) for e in edges)
     low = np.full((4, 3, 2), -0.1)
-    return CellGap(DOMAIN, TIERS, edges, nodes, low, -low, np.full((2, 2), 0.01))
+    return CellGap(DOMAIN, TIERS, edges, low, -low)
 
 
 PLANE = Box([0.0, 0.0, -3.0], [4.0, 4.0, 3.0])
@@ -89,11 +87,8 @@ WRONG = {
         (["gap", "v", "lower", "offset"], "nan", "offset is not a finite number"),
     ],
     "cells": [
-        (["slopes"], [[0.0, -1.0], [0.0, 0.0]], "slope is negative"),
-        (["slopes"], [0.0], "slopes is not a table"),
         (["edges", "x"], [-1.0, 0.5, 0.9], "do not cover X"),
         (["edges", "x"], [-1.0, 1.0, 1.0], "do not follow"),
-        (["nodes", "x"], [0.5, -0.5], "outside its cell"),
         (["gap", "x", "upper"], [[-1.0] * 3] * 4, "lower side is above"),
         (["gap", "x", "upper"], [[0.1] * 3] * 3, "not a saved gap bound"),
         (["gap", "x", "upper"], [["inf"] * 3] * 4, "upper side is not a table"),

@@ -13,7 +13,7 @@ SCRIPT = """
 import sys
 import numpy as np
 from helper import twice
-from simgap.model.kernel_cache import cached_kernel
+from simgap.model.compile import cached_kernel
 
 def make(factor, table):
     @cached_kernel

@@ -6,7 +6,7 @@ import pytest
 import sympy as sp
 
 from simgap.model.symbolic import symbol
-from simgap.plants.equations_of_motion import simplified
+from simgap.plants.urdf import simplified
 
 Q, M = symbol("q"), symbol("rod.m")
 MATRIX = sp.Matrix([[sp.sin(Q) ** 2 + sp.cos(Q) ** 2, sp.Rational(1, 3) * M * (Q + 1)], [0, Q / M]])

@@ -10,8 +10,7 @@ from simgap.errors import BrokenPromise, UserError
 from simgap.gap.noise import NoiseStatement, alpha_of_run, draws_at, statement_of
 from simgap.lint.gap import find_noise
 from simgap.plants.context import Context
-from simgap.simulators.noise import TOGETHER
-from simgap.simulators.rollouts import make_simulator, roll_out, roll_out_alike, roll_out_range
+from simgap.simulators.rollouts import TOGETHER, make_simulator, roll_out, roll_out_alike, roll_out_range
 from simgap.specifications.base import Outcome, Run, Verdict
 from simgap.stages import validation
 from simgap.statistics import fewest_draws
@@ -133,8 +132,6 @@ REFUSED = {
     "proven": ({"simulator": EQUATIONS | {"slopes": "enclosed", "noise": BOTH}}, "say slopes: sampled"),
     "lag": ({"simulator": EQUATIONS | {"noise": BOTH, "effects": [
         {"name": "input_delay", "on": "F", "parameters": {"delay": 0.004}}]}}, "simulator.effects"),
-    "conformal": ({"simulator": EQUATIONS | {"noise": BOTH},
-                   **grid(bound="conformal", tolerated_probability=0.1)}, "say bound: scenario"),
     "symmetry": ({"simulator": EQUATIONS | {"noise": BOTH}, "grid": {"half_widths": {"v": 0.25}},
                   "symmetry": {"group": "translation", "along": ["x"], "tolerance": {}}}, "symmetry is not supported"),
     "twin": ({"simulator": EQUATIONS | {"noise": BOTH}, "twin": {"of": EQUATIONS}}, "twin is not supported"),

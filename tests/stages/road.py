@@ -52,11 +52,11 @@ def beside(case: Path, folder: Path) -> Path | None:
     return found
 
 
-def bound(case: Path, folder: Path, shards: list[Path], fresh: Path, out: Path, calibration: Path | None = None):
+def bound(case: Path, folder: Path, shards: list[Path], fresh: Path, out: Path):
     """Scenario programs, Lipschitz constants and the bound of a case whose roll-outs are there."""
     made, on_borders = {}, beside(case, folder)
     for name, stage in (("scp", scp), ("lipschitz", lipschitz)):
         made[name] = folder / f"{name}.json"
         stage.run(case, folder / "grid", shards, made[name], *((on_borders,) if stage is scp else ()))
-    inputs = gap.GapFiles(folder / "grid", shards, made["scp"], made["lipschitz"], fresh, calibration, on_borders)
+    inputs = gap.GapFiles(folder / "grid", shards, made["scp"], made["lipschitz"], fresh, on_borders)
     gap.run(case, inputs, out, folder / "thinned.parquet")

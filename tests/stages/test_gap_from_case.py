@@ -24,11 +24,10 @@ BASES = {
     "the paper's": PAPER,
     "the paper's, as it was": (PAPER, {"objective": "eta", "sides": "unsigned", "padding": "paper"}),
     "monomials": {"kind": "monomials", "degree": 3},
-    "trigonometric": {"kind": "trigonometric", "harmonics": 2},
     "blocks": {"kind": "blocks", "blocks": [6, 9]},
     "own expressions": {"kind": "expressions", "terms": ["sin(x1)", "tanh(x2/0.2)", "x1*u", "exp(x1)", "u", "1"]},
     "own expressions, listed": ["sin(x1)", "x2^3", "u", 1],
-    "constant": ([1], {"bound": "constant"}),
+    "constant": [1],
 }
 EPS = 0.03
 QUICK = {"fresh_samples": 4000, "lipschitz": {"extreme_value": False}}

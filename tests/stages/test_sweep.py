@@ -14,9 +14,8 @@ from simgap.config.load import load_case
 from simgap.config.run import points_of_sweep
 from simgap.errors import UserError
 from simgap.extras.wizard import new_case as new
-from simgap.gap.bounds.basis import Basis, Form
 from simgap.gap.bounds.function import GapDomain, Tier
-from simgap.gap.bounds.linear import LinearGap
+from simgap.gap.bounds.linear import Basis, Form, LinearGap
 from simgap.geometry import Box
 from simgap.io.results import write_json
 from simgap.provenance import sections_digest

@@ -19,8 +19,7 @@ from numba.extending import intrinsic
 
 from simgap.arrays import Floats, Ints
 from simgap.late import sympy as sp
-from simgap.model.compile import compile_kernel
-from simgap.model.kernel_cache import cached_kernel_as
+from simgap.model.compile import cached_kernel_as, compile_kernel
 from simgap.model.symbolic import SymbolicModel, kinds, symbol
 
 VECTOR, MATRIX, INDICES, FLAGS = float64[::1], float64[:, ::1], int64[::1], boolean[::1]

@@ -21,8 +21,7 @@ from simgap.effects.commands import InputEffect, MemoryInputEffect
 from simgap.effects.drive_train import DriveTrainEffect, with_motor
 from simgap.errors import UserError
 from simgap.late import sympy as sp
-from simgap.model.compile import Kernel, compile_kernel
-from simgap.model.kernel_cache import cached_kernel_as
+from simgap.model.compile import Kernel, cached_kernel_as, compile_kernel
 from simgap.model.symbolic import SymbolicModel, symbol
 
 T = TypeVar("T")

@@ -23,7 +23,7 @@ from simgap.arrays import Floats
 from simgap.errors import UserError
 from simgap.extras.wizard.posture import NOTHING, REACH, Posture, beyond_rest, check_room, check_strength
 from simgap.geometry import Box
-from simgap.model.kernel_cache import cached_kernel
+from simgap.model.compile import cached_kernel
 from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import SymbolicModel
 from simgap.specifications.reaching import ReachAvoid

@@ -36,7 +36,7 @@ from simgap.gap.bounds.function import (
 from simgap.gap.bounds.previous import PreviousClasses
 from simgap.gap.thresholds import NOMINAL_TOLERANCE
 from simgap.late import njit
-from simgap.model.kernel_cache import cached_kernel
+from simgap.model.compile import cached_kernel
 from simgap.simulators.body_samples import to_body
 
 _ROTATION_SLACK = 1e-13  # relative: arctan2, cos and hypot are each off by some 1e-16, angles are below 100 rad
@@ -217,12 +217,9 @@ def _over_box(xlo, xhi, u, lo, hi, inputs, llo, lhi, lower, upper, i, j, k):  # 
 
 
 def nominal_motion(
-    step: Callable[[Floats, Floats], Floats],
-    centre: Floats,
-    inputs: Floats,
-    pose: tuple[int, int, int],
+    step: Callable[[Floats, Floats], Floats], centre: Floats, inputs: Floats, pose: tuple[int, int, int],
     rng: np.random.Generator,
-) -> Floats:
+) -> Floats:  # fmt: skip
     """The nominal step seen from the robot, (M, 3); refused when it depends on where the robot stands.
 
     Args:

@@ -1,7 +1,6 @@
-"""Gap function on cells: piecewise constant on blocks, or a Lipschitz envelope around sampled nodes (set membership).
+"""Gap function that is constant on each block of X, for each input.
 
-In each cell, `hi_i(x, u) = upper[cell, u, i] + sum_j L_ij |x_j - node_j|` and likewise below; L = 0 on blocks. On a
-border shared by cells all of them apply, so a bound over a box is the extreme over the cells it touches.
+On a border shared by blocks all of them apply, so a bound over a box is the extreme over the cells it touches.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from simgap.gap.bounds.function import (
 )
 from simgap.geometry import mesh
 from simgap.late import njit
-from simgap.model.kernel_cache import cached_kernel
+from simgap.model.compile import cached_kernel
 
 _SLACK = 1.0 + 2.0**-48  # outward rounding of the few operations of a bound
 
@@ -39,16 +38,12 @@ class CellGap(GapFunction):
 
     Attributes:
         edges: per axis, cell borders (k_j + 1,), the first and last are those of X.
-        nodes: per axis, one point of each cell (k_j,).
         lower, upper: (k_1 * ... * k_nx, M, nx), row-major cells.
-        slopes: (nx, nx) L_ij, growth of the bound of dimension i away from the node along axis j.
     """
 
     edges: tuple[Floats, ...]
-    nodes: tuple[Floats, ...]
     lower: Floats
     upper: Floats
-    slopes: Floats
 
     def _box_bounds(self, xlo: Floats, xhi: Floats, u: Floats) -> tuple[Floats, Floats]:
         lo, hi = np.empty(xlo.shape), np.empty(xhi.shape)
@@ -56,17 +51,10 @@ class CellGap(GapFunction):
         _over_rows(*rows, lo, hi, *self._tables())
         return lo, hi
 
-    def _reach(self) -> Floats:
-        """(cells, nx): the largest `sum_j L_ij |x_j - node_j|` in each cell."""
-        far = [np.maximum(n - e[:-1], e[1:] - n) for n, e in zip(self.nodes, self.edges, strict=True)]
-        return mesh(*far) @ self.slopes.T * _SLACK
-
     def sup(self) -> dict[str, GapSuprema]:
         """Suprema over all cells and inputs; on a face that cells share, the hull of their bounds may be wider."""
-        reach = self._reach()[:, None, :]
-        lo, hi = self.lower - reach, self.upper + reach
-        size = np.maximum(np.abs(lo), np.abs(hi)).max(axis=(0, 1)) * _SLACK
-        width = (hi - lo).max(axis=(0, 1)) * _SLACK
+        size = np.maximum(np.abs(self.lower), np.abs(self.upper)).max(axis=(0, 1)) * _SLACK
+        width = (self.upper - self.lower).max(axis=(0, 1)) * _SLACK
         return {s: GapSuprema(float(size[i]), float(width[i])) for i, s in enumerate(self.domain.states)}
 
     def raised(self, below: Floats, above: Floats) -> CellGap:
@@ -85,60 +73,52 @@ class CellGap(GapFunction):
 
     def _kernel(self) -> Kernel:
         """See `GapFunction._kernel`; loops over the cells that the box touches."""
-        inputs, limit_lo, limit_hi, edges, nodes, counts, slopes, lower, upper = self._tables()
+        inputs, limit_lo, limit_hi, edges, counts, lower, upper = self._tables()
 
         @cached_kernel
         def bounds_over_box(xlo, xhi, u, lo, hi):  # type: ignore[no-untyped-def]
-            _over_box(xlo, xhi, u, lo, hi, inputs, limit_lo, limit_hi, edges, nodes, counts, slopes, lower, upper)
+            _over_box(xlo, xhi, u, lo, hi, inputs, limit_lo, limit_hi, edges, counts, lower, upper)
 
         return bounds_over_box
 
     def _tables(self) -> tuple[Any, ...]:
-        counts = np.array([len(n) for n in self.nodes], dtype=np.int64)
-        limits = self.domain.limits()
-        flat = np.concatenate(self.edges), np.concatenate(self.nodes)
-        return self.domain.input_set, *limits, *flat, counts, self.slopes, self.lower, self.upper
+        counts = np.array([len(e) - 1 for e in self.edges], dtype=np.int64)
+        return self.domain.input_set, *self.domain.limits(), np.concatenate(self.edges), counts, self.lower, self.upper
 
     def _content(self) -> dict[str, Any]:
         names = self.domain.states
         return {
             "kind": "cells",
-            "meaning": "lower <= simulator - nominal <= upper, plus slope times the distance to the node of the cell",
+            "meaning": "lower <= simulator - nominal <= upper in each cell",
             "edges": {s: e.tolist() for s, e in zip(names, self.edges, strict=True)},
-            "nodes": {s: n.tolist() for s, n in zip(names, self.nodes, strict=True)},
-            "slopes": self.slopes.tolist(),
             "gap": sides_by_state(names, self.lower, self.upper),
         }
 
     @classmethod
     def from_content(cls, data: Mapping[str, Any], domain: GapDomain, tiers: tuple[Tier, ...]) -> CellGap:
         """The inverse of `_content`."""
-        edges, nodes = (tuple(np.array(data[key][s]) for s in domain.states) for key in ("edges", "nodes"))
-        return cls(domain, tiers, edges, nodes, *sides_from(data["gap"], domain.states), np.array(data["slopes"]))
+        edges = tuple(np.array(data["edges"][s]) for s in domain.states)
+        return cls(domain, tiers, edges, *sides_from(data["gap"], domain.states))
 
     def check(self) -> None:
         """See `GapFunction.check`."""
         box, nx, m = self.domain.box, len(self.domain.states), len(self.domain.input_set)
-        for j, (edges, nodes) in enumerate(zip(self.edges, self.nodes, strict=True)):
-            require_finite("a row of nodes", nodes, (max(1, nodes.size),))
-            require_finite("a row of edges", edges, (len(nodes) + 1,))
+        for j, edges in enumerate(self.edges):
+            require_finite("a row of edges", edges, (max(2, edges.size),))
             require((np.diff(edges) > 0).all(), "its cells do not follow each other")
             require(edges[0] == box.lo[j] and edges[-1] == box.hi[j], "its cells do not cover X")
-            require(((edges[:-1] <= nodes) & (nodes <= edges[1:])).all(), "a node lies outside its cell")
-        cells = int(np.prod([len(nodes) for nodes in self.nodes]))
-        require_finite("its slopes", self.slopes, (nx, nx))
-        require((self.slopes >= 0).all(), "a slope is negative")
+        cells = int(np.prod([len(edges) - 1 for edges in self.edges]))
         require_sides(self.lower, self.upper, (cells, m, nx))
 
 
 @njit(error_model="numpy", cache=True)
-def _over_rows(xlo, xhi, u, lo, hi, inputs, llo, lhi, edges, nodes, counts, slopes, lower, upper):  # type: ignore[no-untyped-def]
+def _over_rows(xlo, xhi, u, lo, hi, inputs, llo, lhi, edges, counts, lower, upper):  # type: ignore[no-untyped-def]
     for n in range(len(xlo)):
-        _over_box(xlo[n], xhi[n], u[n], lo[n], hi[n], inputs, llo, lhi, edges, nodes, counts, slopes, lower, upper)
+        _over_box(xlo[n], xhi[n], u[n], lo[n], hi[n], inputs, llo, lhi, edges, counts, lower, upper)
 
 
 @njit(error_model="numpy", cache=True)
-def _over_box(xlo, xhi, u, lo, hi, inputs, llo, lhi, edges, nodes, counts, slopes, lower, upper):  # type: ignore[no-untyped-def]
+def _over_box(xlo, xhi, u, lo, hi, inputs, llo, lhi, edges, counts, lower, upper):  # type: ignore[no-untyped-def]
     nx, row = len(counts), input_index(inputs, u)
     cells, start = 1, 0
     inside = row >= 0
@@ -152,7 +132,7 @@ def _over_box(xlo, xhi, u, lo, hi, inputs, llo, lhi, edges, nodes, counts, slope
         hi[i] = -np.inf if inside else np.inf
     if inside:
         for n in range(cells):
-            _widen_by_cell(n, xlo, xhi, row, lo, hi, edges, nodes, counts, slopes, lower, upper)
+            _widen_by_cell(n, xlo, xhi, row, lo, hi, edges, counts, lower, upper)
 
 
 @njit(error_model="numpy", cache=True)
@@ -166,7 +146,7 @@ def _touched(edges, start, count, a, b):  # type: ignore[no-untyped-def]
 
 
 @njit(error_model="numpy", cache=True)
-def _widen_by_cell(n, xlo, xhi, row, lo, hi, edges, nodes, counts, slopes, lower, upper):  # type: ignore[no-untyped-def]
+def _widen_by_cell(n, xlo, xhi, row, lo, hi, edges, counts, lower, upper):  # type: ignore[no-untyped-def]
     """Widen lo, hi by the bound over the n-th touched cell; the last axis runs fastest."""
     nx, flat, stride, end = len(counts), 0, 1, len(edges)
     for j in range(nx - 1, -1, -1):
@@ -176,14 +156,7 @@ def _widen_by_cell(n, xlo, xhi, row, lo, hi, edges, nodes, counts, slopes, lower
         stride *= counts[j]
         n //= b - a + 1
     for i in range(nx):
-        rest, reach, end, last = flat, 0.0, len(edges), len(nodes)
-        for j in range(nx - 1, -1, -1):
-            end, last = end - counts[j] - 1, last - counts[j]
-            k = rest % counts[j]
-            rest //= counts[j]
-            p, q = max(xlo[j], edges[end + k]), min(xhi[j], edges[end + k + 1])
-            reach += slopes[i, j] * max(abs(p - nodes[last + k]), abs(q - nodes[last + k]))
         low, high = lower[flat, row, i], upper[flat, row, i]
-        slack = 2.0**-48 * (abs(low) + abs(high) + reach) + 1e-300
-        lo[i] = min(lo[i], low - reach - slack)
-        hi[i] = max(hi[i], high + reach + slack)
+        slack = 2.0**-48 * (abs(low) + abs(high)) + 1e-300
+        lo[i] = min(lo[i], low - slack)
+        hi[i] = max(hi[i], high + slack)

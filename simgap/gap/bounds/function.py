@@ -27,11 +27,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from simgap.arrays import Bools, Floats, Ints
 from simgap.errors import UserError
-from simgap.gap.bounds.basis import MARGIN
 from simgap.gap.json_record import JsonRecord
 from simgap.geometry import Box, rows
 from simgap.late import njit
-from simgap.model.kernel_cache import cached_kernel
+from simgap.model.compile import cached_kernel
 
 
 @dataclass(frozen=True)
@@ -42,6 +41,7 @@ class Tier(JsonRecord, names={"level": "tier"}):
     text: str
 
 
+MARGIN = 1e-9  # relative to the width of X: cell borders computed in floating point may stick out of X by this much
 PROVEN = Tier(
     1,
     "The bound holds at every state of X and input of U, rounding included: simulator and model are both known as "

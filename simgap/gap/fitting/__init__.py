@@ -1,1 +1,1 @@
-"""From samples to a bound: programs, paddings, conformal widths, and the check on fresh samples."""
+"""From samples to a bound: programs, paddings, and the check on fresh samples."""

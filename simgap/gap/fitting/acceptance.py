@@ -304,7 +304,7 @@ def remedy(where: SampleGrid, settings: GapSection, found: GridLipschitz, share:
         if residual:
             return "Use a smaller eps, or a basis that follows the gap."
         return f"Use {_finer(where, found)}, or padding: inflate with a larger rough_limit if a jump is known."
-    local = "" if settings.padding == "inflate" and settings.bound != "envelope" else "padding: inflate and "
+    local = "" if settings.padding == "inflate" else "padding: inflate and "
     limit = min(1.0, 0.05 * np.ceil(20.0 * share + 0.2))
     table = "" if isinstance(settings.basis, Blocks) else " with gap.basis: {kind: blocks}, which is wide there alone,"
     return (

@@ -26,7 +26,7 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.config.gap import GapSection
-from simgap.gap.bounds.basis import Form
+from simgap.gap.bounds.linear import Form
 from simgap.gap.fitting.scenario import Design, ScenarioResult, solve_scenario
 from simgap.gap.json_record import JsonRecord
 from simgap.gap.lipschitz.grid import GridLipschitz

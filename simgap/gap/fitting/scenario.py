@@ -27,7 +27,7 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.errors import UserError
-from simgap.gap.bounds.basis import Basis
+from simgap.gap.bounds.linear import Basis
 from simgap.gap.json_record import JsonRecord
 from simgap.gap.sampling.values import Rows, Values, combined, of_states, values
 from simgap.geometry import mesh

@@ -24,6 +24,7 @@ from simgap.statistics import chi2, extrapolated_maximum
 
 _SHAPES = (1.0, 1e3)  # c >= 1: the likelihood is unbounded below it
 _FARTHEST = 1e6  # farthest location tried, in units of the spread of the maxima
+_ALIKE = 1e-9  # relative spread of maxima that is rounding: the nearest location tried would be the largest itself
 
 
 @dataclass(frozen=True)
@@ -128,7 +129,7 @@ def compare_estimates(
         return tuple(rows)
     slopes = _grid_pair_slopes(samples, moving, settings)
     maxima = slopes.max(axis=1)
-    if not np.ptp(maxima) > 1e-12 * maxima.max():
+    if not np.ptp(maxima) > _ALIKE * maxima.max():
         return (*rows, LipschitzRow("largest slope of pairs", float(maxima.max()), None, "all blocks agree"))
     law = fit_reverse_weibull(maxima)
     top = extrapolated_maximum(slopes.ravel(), 2 * len(moving))  # a pair has twice as many coordinates

@@ -30,7 +30,7 @@ from functools import cached_property
 import numpy as np
 
 from simgap.arrays import Bools, Floats, Ints
-from simgap.gap.bounds.closed_form import CellRanges
+from simgap.gap.bounds.enclosures import CellRanges
 from simgap.gap.lipschitz.grid import (
     GridLipschitz,
     Roughness,

@@ -47,12 +47,9 @@ def previous_inputs(values: Sequence[Floats], counts: Sequence[int], classes: Se
             )  # fmt: skip
         groups = intervals(own, parts)
         each = max(2, -(-count // parts))
-        picked.append(np.concatenate([_spaced(group, min(each, len(group))) for group in groups]))
+        places = [np.round(np.linspace(0, len(group) - 1, min(each, len(group)))).astype(int) for group in groups]
+        picked.append(np.concatenate([group[spaced] for group, spaced in zip(groups, places, strict=True)]))
     return np.array(list(itertools.product(*picked)), dtype=np.float64)
-
-
-def _spaced(values: Floats, count: int) -> Floats:
-    return values[np.round(np.linspace(0, len(values) - 1, count)).astype(int)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.errors import UserError
 from simgap.gap.bounds.body_frame import nominal_motion
-from simgap.gap.bounds.closed_form import CellRanges, ClosedFormGap
+from simgap.gap.bounds.enclosures import CellRanges, ClosedFormGap
 from simgap.gap.bounds.function import GapDomain
 from simgap.gap.bounds.previous import PreviousClasses
 from simgap.gap.sampling.borders import Directed

@@ -26,8 +26,8 @@ import numpy as np
 from simgap.arrays import Floats, Ints
 from simgap.geometry import Grid, mesh
 from simgap.late import njit, numba
+from simgap.model.compile import cached_kernel, cached_kernel_as
 from simgap.model.interval import iadd, imul, widen
-from simgap.model.kernel_cache import cached_kernel, cached_kernel_as
 
 PAD = 2.0**-42
 """Rounding pad relative to the size of the numbers on an axis: 1024 units in the last place, against at most some tens
