@@ -16,7 +16,7 @@ from simgap.gap.noise import statement_of
 from simgap.io.traces import BASELINE, EVERY_TITLE, GAP_AWARE, MODEL, NOMINAL, shown
 from simgap.notation import number, pretty_unit
 from simgap.report import tables
-from simgap.report.material import Material
+from simgap.report.tables import Material
 from simgap.specifications.base import STUCK, specification_of
 from simgap.specifications.space import Space
 

@@ -15,13 +15,12 @@ from simgap.io.rerun.closed_loop import domains_image, to_pixels
 from simgap.io.results import stack
 from simgap.io.traces import BASELINE, GAP_AWARE, NOMINAL, shown, split
 from simgap.plants.context import Context
-from simgap.report.case_figures import surroundings
+from simgap.report.case_figures import problem_figure, surroundings
+from simgap.report.diagnosis_page import steps_figure
 from simgap.report.figures import cells as figures_cells
 from simgap.report.figures import gap as figures_gap
-from simgap.report.figures import problem as figures_problem
 from simgap.report.figures import runs as figures_runs
 from simgap.report.figures.cells import margin_slices_figure
-from simgap.report.figures.diagnosis import steps_figure
 from simgap.report.figures.gap import followed_axis
 from simgap.synthesis.margins import LARGEST_FACTOR, shown_layers
 from tests.stages import loop_example as example
@@ -217,7 +216,7 @@ def test_the_question_shows_x_the_specification_and_every_input(root):
     context = Context.load(root / "configs/cases/turtlebot.yaml")
     names = context.states, context.inputs
     with style.figure_style():
-        figure = figures_problem.problem_figure(
+        figure = problem_figure(
             context.box, context.input_set, names, context.units, lambda pair, own: surroundings(context, pair)(own)
         )
         floor, heading, drives = figure.axes
@@ -235,7 +234,7 @@ def test_a_plug_in_may_draw_any_patch(root):
     context = Context.load(root / "configs/cases/pendulum.yaml")
     names = context.states, context.inputs
     with style.figure_style():
-        figure = figures_problem.problem_figure(
+        figure = problem_figure(
             context.box, context.input_set, names, context.units,
             lambda pair, own: own.add_patch(Circle((0.0, 0.0), 0.9, label="a circle")),
         )  # fmt: skip
