@@ -153,10 +153,7 @@ def _margins(m: Material) -> Any:
     if m.margins is None or m.margins.num_rows != grid.size or not 2 <= len(states) <= 3:
         return None
     factor, loses_by = m.margins["factor"].to_numpy().astype(np.float64), m.margins["loses_by"].to_numpy()
-    if len(states) == 3:
-        return cells.margin_slices_figure(grid, factor, loses_by, states, m.context.units)
-    extra = stack(m.margins, [f"extra_{n}" for n in states]).astype(np.float64)
-    return cells.margins_figure(grid, factor, extra, loses_by, states, m.context.units)
+    return cells.margins_figure(grid, factor, loses_by, states, m.context.units)
 
 
 def surroundings(context: Context, axes: tuple[int, int] = (0, 1)) -> Callable[[Any], None]:
