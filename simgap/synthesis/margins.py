@@ -70,9 +70,6 @@ RESOLUTION = 2e-3
 """Relative accuracy of a margin, which is rounded down."""
 LAYERS = 3
 """Headings that are looked at where classes are remembered: each costs a robot 3 CPU s."""
-NEAR, FAR = 1.02, 3.0
-"""Steps, as ratios, in which a size is looked for around that of the cell before: the first, squared from one to the
-next, until it is larger than the second."""
 
 
 @njit(inline="always", error_model="numpy")
@@ -111,71 +108,25 @@ def _grown(shape, n, tables, c, lo, hi, by, size, header, work):  # type: ignore
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _known(shape, n, tables, c, lo, hi, by, guess, header, work):  # type: ignore[no-untyped-def]
-    """A size that fits and one that does not, close to a guess: 0 and infinity where that is not known.
-
-    A box that fits also fits when it grows by less; no size is asked about where growing is not that.
-    """
-    fits, fails = -1.0, np.inf
-    for j in range(n):
-        if not by[j] >= 0.0:
-            return fits, fails
-    size, stride = guess, NEAR
-    while 0.0 < size < np.inf:
-        if _grown(shape, n, tables, c, lo, hi, by, size, header, work):
-            fits = size
-            if fails < np.inf:
-                break
-            size *= stride
-        else:
-            fails = size
-            if fits > 0.0 or stride > FAR:
-                break
-            size /= stride
-        stride *= stride
-        if stride > FAR * FAR:
-            break
-    return fits, fails
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _largest(shape, n, tables, c, lo, hi, by, best, most, guess, header, work):  # type: ignore[no-untyped-def]
+def _largest(shape, n, tables, c, lo, hi, by, best, most, header, work):  # type: ignore[no-untyped-def]
     """Largest size in (best, most] whose box fits, rounded down; `best` if none is larger by the resolution.
 
-    A `best` below 0 says that nothing is known to fit, not even the box itself. The sizes that are tried do not depend
-    on the guess, which only saves asking about those whose answer follows from it.
+    A `best` below 0 says that nothing is known to fit, not even the box itself.
     """
-    fits, fails = _known(shape, n, tables, c, lo, hi, by, guess, header, work)
-    low, high, stage = best, most, 0 if best < 0.0 else 1
-    while True:
-        if stage == 0:  # the box itself
-            size = 0.0
-        elif stage == 1:  # more than the best by the resolution
-            size = max(max(best, 0.0) * (1.0 + RESOLUTION), most * 1e-9)
-        elif stage == 2:
-            size = most
-        else:
-            size = np.sqrt(low * high)
-        held = size <= fits
-        if not held and size < fails:
-            held = _grown(shape, n, tables, c, lo, hi, by, size, header, work)
-        if stage == 0:
-            if not held:
-                return best
-            low = 0.0
-        elif stage == 1:
-            if not held:
-                return low
-            low = size
-        elif stage == 2 and held:
-            return most
-        elif held:
+    if best < 0.0 and not _grown(shape, n, tables, c, lo, hi, by, 0.0, header, work):
+        return best
+    low, high = max(max(best, 0.0) * (1.0 + RESOLUTION), most * 1e-9), most
+    if not _grown(shape, n, tables, c, lo, hi, by, low, header, work):
+        return max(best, 0.0)
+    if _grown(shape, n, tables, c, lo, hi, by, most, header, work):
+        return most
+    while high > low * (1.0 + RESOLUTION):
+        size = np.sqrt(low * high)
+        if _grown(shape, n, tables, c, lo, hi, by, size, header, work):
             low = size
         else:
             high = size
-        if stage >= 2 and not high > low * (1.0 + RESOLUTION):
-            return low
-        stage = min(stage + 1, 3)
+    return low
 
 
 @njit(inline="always", error_model="numpy")
@@ -187,31 +138,23 @@ def _placed(m, boxes, shift, spare):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _of_inputs(  # type: ignore[no-untyped-def]
-    most, admitted, liked, last, boxes, shift, spare, kind, shape, tables, header, work
+    most, admitted, liked, boxes, shift, spare, kind, shape, tables, header, work
 ):  # fmt: skip
     """Largest growth over the admitted inputs (bytes): what served the last cell best rarely leaves more to find.
 
-    `liked` and `last` (1,) hold that input and its growth.
+    `liked` (1,) holds that input.
     """
     best, n = -1.0, shift.size
-    low, high = spare[0], spare[1]
     for turn in range(-1, kind.size):
         m = liked[0] if turn < 0 else turn
         if (turn == liked[0]) or not admitted[m >> 3] >> (m & 7) & 1:
             continue
         _placed(m, boxes, shift, spare)
-        by = boxes[2, m]
-        if best >= 0.0:
-            size = max(best * (1.0 + RESOLUTION), most * 1e-9)
-            if not _grown(shape, n, tables, kind[m], low, high, by, size, header, work):
-                continue
-        guess = last[0] if best < 0.0 else best * (1.0 + RESOLUTION)
-        own = _largest(shape, n, tables, kind[m], low, high, by, best, most, guess, header, work)
+        own = _largest(shape, n, tables, kind[m], spare[0], spare[1], boxes[2, m], best, most, header, work)
         if own > best:
             best, liked[0] = own, m
         if best >= most:
             break
-    last[0] = best
     return best
 
 
@@ -256,7 +199,7 @@ def _worst_measurement(  # type: ignore[no-untyped-def]
                 if score[m] == -2.0:
                     _placed(m, boxes, shift, spare)
                     score[m] = _largest(
-                        shape, shift.size, tables, kind[m], spare[0], spare[1], boxes[2, m], best, most, -1.0, header,
+                        shape, shift.size, tables, kind[m], spare[0], spare[1], boxes[2, m], best, most, header,
                         work,
                     )  # fmt: skip
                 own = max(own, score[m])
@@ -282,7 +225,7 @@ def searcher(image_of_box: Kernel, gap: Kernel) -> Any:
         n, count = cells.shape[1], inputs.shape[0]
         boxes, box, ranges = np.empty((3, count, n)), np.empty((3, n)), np.empty((2, n))
         work, spare, score = np.empty(2 * n, np.int64), np.empty((2, n)), np.empty(count)
-        liked, last, index, shift = np.zeros(1, np.int64), np.zeros(1), np.empty(n, np.int64), np.empty(n)
+        liked, index, shift = np.zeros(1, np.int64), np.empty(n, np.int64), np.empty(n)
         window, found, most = 1, 0, LARGEST_FACTOR - 1.0 if base > 0.0 else 1.0
         for j in range(n):
             window *= 2 * reach[j] + 1
@@ -311,7 +254,7 @@ def searcher(image_of_box: Kernel, gap: Kernel) -> Any:
                 own = mask[flat if mask.shape[0] > 1 else 0]
                 if window > 1:
                     found = _others(index, reach, wide, shape[1], seen, own, rows)
-                best = _of_inputs(most, own, liked, last, boxes, shift, spare, kind, shape, tables, header, work)
+                best = _of_inputs(most, own, liked, boxes, shift, spare, kind, shape, tables, header, work)
                 if found:
                     best = _worst_measurement(
                         rows, found, best, most, boxes, shift, spare, kind, shape, tables, header, work, score
