@@ -54,8 +54,8 @@ from simgap.synthesis.abstraction.post import Frame, Kernel, cell_box, image, to
 from simgap.synthesis.input_sets import (
     LARGEST_TABLES,
     crop,
+    embed,
     every_input,
-    inner,
     padded,
     to_bytes,
     to_words,
@@ -485,12 +485,9 @@ def _of_true_cells(context: Context, gap: GapFunction, solution: Solution, error
     found = one_step_margins(*about, gap.domain.read, None, known, reach, losing)
     only = "" if late is None else _first(context, late)
 
-    def on_measurements(values: Any, outside: Any) -> Any:
-        out = np.full(larger.size, outside, values.dtype)
-        out.reshape(larger.cells)[inner(grid, larger)] = values.reshape(grid.cells)
-        return out
-
-    return Margins(on_measurements(found.factor, np.nan), on_measurements(found.loses_by, NOTHING), only)
+    factor, loses_by = found.factor[:, None], found.loses_by[:, None]
+    factor, loses_by = embed(factor, grid, larger, np.nan), embed(loses_by, grid, larger, NOTHING)
+    return Margins(factor[:, 0], loses_by[:, 0], only)
 
 
 def _true_grid(context: Context, larger: Grid, reach: tuple[int, ...]) -> Grid:
