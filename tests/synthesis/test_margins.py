@@ -10,7 +10,7 @@ import pytest
 from simgap.geometry import Box, Grid
 from simgap.plants.context import Context
 from simgap.stages.synthesis import pose_problem
-from simgap.synthesis.abstraction.nominal import nominal_abstraction
+from simgap.synthesis.abstraction.cells import nominal_abstraction
 from simgap.synthesis.games.invariance import invariance
 from simgap.synthesis.games.reach import reach_avoid
 from simgap.synthesis.margins import (
