@@ -45,11 +45,6 @@ def embedded(data: bytes) -> str:
     return Markup(f'<img alt="" style="width: 100%" src="data:image/png;base64,{text}">')
 
 
-def shown_on_the_index(made: Mapping[str, Any], states: int) -> str:
-    """Figure that stands for a case: where the controllers win, or the runs where that takes slices."""
-    return "domains" if states == 2 and made.get("domains") is not None else "trajectories"
-
-
 @dataclass(frozen=True)
 class Drawn:
     """The pictures of a page.
@@ -73,7 +68,8 @@ def draw(m: Material) -> Drawn:
         made = {"problem": _problem(m), **_bound(m), "sweep": _sweep(m), **_loop(m), "margins": _margins(m)}
         if m.corrected is not None and len(m.context.states) == 2:
             made["corrected"] = cells.domains_figure(m.corrected.controllers, [], m.context.units)
-        small = shown_on_the_index(made, len(m.context.states))
+        plane = len(m.context.states) == 2 and made.get("domains") is not None
+        small = "domains" if plane else "trajectories"  # where the controllers win, or the runs where that takes slices
         for name, figure in made.items():
             if figure is None:
                 continue
@@ -94,11 +90,10 @@ def _problem(m: Material) -> Any:
     if len(context.states) < 2:
         return None
 
-    def specified(pair: tuple[int, int], own: Any) -> None:
-        surroundings(context, pair)(own)
-
     names = context.states, context.inputs
-    return problem_figure(context.box, context.input_set, names, context.units, specified)
+    return problem_figure(
+        context.box, context.input_set, names, context.units, lambda pair, axis: surroundings(context, pair)(axis)
+    )
 
 
 def _bound(m: Material) -> dict[str, Any]:
