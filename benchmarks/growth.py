@@ -3,7 +3,7 @@
 Reissig, Weber and Rungger (2017), "Feedback refinement relations for the synthesis of symbolic controllers".
 
 The box of a cell with centre c and half-width r under u is `step(c, u) -/+ growth(r, u)`. Nothing here checks that the
-growth bound is one; `simgap.synthesis.abstraction.nominal` derives its own and rounds outward.
+growth bound is one; `simgap.synthesis.abstraction.cells` derives its own and rounds outward.
 """
 
 from __future__ import annotations

@@ -171,7 +171,7 @@ def _product(gap_kind: str, threads: int) -> dict[str, object]:
 
     from simgap.geometry import Box, Grid
     from simgap.model.sampled import NominalModel
-    from simgap.synthesis.abstraction.nominal import nominal_abstraction
+    from simgap.synthesis.abstraction.cells import nominal_abstraction
     from simgap.synthesis.games.invariance import invariance
 
     a, b, u = sp.symbols("x1 x2 u", real=True)

@@ -23,7 +23,7 @@ from simgap.geometry import Box, Grid
 from simgap.plants.context import Context
 from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
-from simgap.synthesis.abstraction.nominal import is_tabulated
+from simgap.synthesis.abstraction.cells import is_tabulated
 from simgap.synthesis.games.nodes import MOST_KEPT
 
 START = 1.2

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
 
+from simgap.arrays import Floats
+from simgap.geometry import Box
 from simgap.io import figure_style as style
 from simgap.io.rerun.recording import PlanarScene
 from simgap.io.results import stack
 from simgap.io.traces import GAP_AWARE, NOMINAL, SIMULATOR, first_seconds, shown
+from simgap.notation import axis_label
 from simgap.plants.context import Context
-from simgap.report.figures import cells, gap, problem, runs
-from simgap.report.material import Material
+from simgap.report.figures import cells, gap, runs
 from simgap.report.scene import limits, scene
-from simgap.report.tables import promised_steps, sweep
+from simgap.report.tables import Material, promised_steps, sweep
 from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
 
@@ -40,11 +43,6 @@ def embedded(data: bytes) -> str:
 
     text = base64.b64encode(data).decode()
     return Markup(f'<img alt="" style="width: 100%" src="data:image/png;base64,{text}">')
-
-
-def shown_on_the_index(made: Mapping[str, Any], states: int) -> str:
-    """Figure that stands for a case: where the controllers win, or the runs where that takes slices."""
-    return "domains" if states == 2 and made.get("domains") is not None else "trajectories"
 
 
 @dataclass(frozen=True)
@@ -70,7 +68,8 @@ def draw(m: Material) -> Drawn:
         made = {"problem": _problem(m), **_bound(m), "sweep": _sweep(m), **_loop(m), "margins": _margins(m)}
         if m.corrected is not None and len(m.context.states) == 2:
             made["corrected"] = cells.domains_figure(m.corrected.controllers, [], m.context.units)
-        small = shown_on_the_index(made, len(m.context.states))
+        plane = len(m.context.states) == 2 and made.get("domains") is not None
+        small = "domains" if plane else "trajectories"  # where the controllers win, or the runs where that takes slices
         for name, figure in made.items():
             if figure is None:
                 continue
@@ -91,11 +90,10 @@ def _problem(m: Material) -> Any:
     if len(context.states) < 2:
         return None
 
-    def specified(pair: tuple[int, int], own: Any) -> None:
-        surroundings(context, pair)(own)
-
     names = context.states, context.inputs
-    return problem.problem_figure(context.box, context.input_set, names, context.units, specified)
+    return problem_figure(
+        context.box, context.input_set, names, context.units, lambda pair, axis: surroundings(context, pair)(axis)
+    )
 
 
 def _bound(m: Material) -> dict[str, Any]:
@@ -150,13 +148,86 @@ def _margins(m: Material) -> Any:
     if m.margins is None or m.margins.num_rows != grid.size or not 2 <= len(states) <= 3:
         return None
     factor, loses_by = m.margins["factor"].to_numpy().astype(np.float64), m.margins["loses_by"].to_numpy()
-    if len(states) == 3:
-        return cells.margin_slices_figure(grid, factor, loses_by, states, m.context.units)
-    extra = stack(m.margins, [f"extra_{n}" for n in states]).astype(np.float64)
-    return cells.margins_figure(grid, factor, extra, loses_by, states, m.context.units)
+    return cells.margins_figure(grid, factor, loses_by, states, m.context.units)
 
 
 def surroundings(context: Context, axes: tuple[int, int] = (0, 1)) -> Callable[[Any], None]:
     """Function that draws the specification over two states on axes of matplotlib."""
     specification, space = specification_of(context.case), Space.of(context.case)
     return lambda own: specification.draw(own, space, axes, style.SURROUNDINGS)
+
+
+PALE = "#EEF1F4"
+MOST_DOTS = 2000  # of U; of more, the corners alone
+BAR = 0.3  # half of the width of the interval of a single state
+
+
+def problem_figure(
+    box: Box,
+    inputs: Floats,
+    names: tuple[Sequence[str], Sequence[str]],
+    units: Mapping[str, str],
+    specified: Callable[[tuple[int, int], Any], None],
+) -> Any:
+    """X two states at a time with the specification on it, and U beside it.
+
+    Args:
+        box: X, (nx,); inputs: the values of U, (M, nu), drawn for one or two inputs.
+        names: of the states, of the inputs; units: by name.
+        specified: draws the specification over two states on axes.
+    """
+    states, drives = names
+    pairs, alone = len(states) // 2, len(states) % 2
+    shown_inputs = 1 <= len(drives) <= 2
+    widths = [3.0] * pairs + [0.9] * alone + [2.2 if len(drives) == 2 else 0.9] * shown_inputs
+    figure, (panels,) = style.panels(1, len(widths), 3.7, width_ratios=widths)
+    for k in range(pairs):
+        _states(panels[k], box, (2 * k, 2 * k + 1), states, units)
+        specified((2 * k, 2 * k + 1), panels[k])
+        _room(panels[k])
+    if alone:
+        _interval(panels[pairs], box.lo[-1], box.hi[-1], axis_label(states[-1], units))
+    panels[0].set_title("states")
+    if shown_inputs:
+        _inputs(panels[-1], inputs, drives, units)
+        panels[-1].set_title("inputs")
+    style.legend(figure)
+    return figure
+
+
+def _x_box(axis: Any, corner: tuple[float, float], size: tuple[float, float]) -> None:
+    from matplotlib.patches import Rectangle
+
+    axis.add_patch(Rectangle(corner, *size, facecolor=PALE, edgecolor=style.GREY, ls="--", lw=1.2, label="X"))
+    axis.grid(visible=False)
+
+
+def _states(axis: Any, box: Box, pair: tuple[int, int], states: Sequence[str], units: Mapping[str, str]) -> None:
+    lo, hi = box.lo[list(pair)], box.hi[list(pair)]
+    _x_box(axis, tuple(lo), tuple(hi - lo))
+    axis.set(**{f"{side}label": axis_label(states[j], units) for side, j in zip("xy", pair, strict=True)})
+
+
+def _interval(axis: Any, lo: float, hi: float, label: str) -> None:
+    _x_box(axis, (-BAR, lo), (2 * BAR, hi - lo))
+    _room(axis)
+    axis.set(xlim=(-1, 1), xticks=[], ylabel=label)
+
+
+def _room(axis: Any) -> None:
+    """Limits a little beyond everything that was drawn."""
+    axis.margins(0.05)
+    axis.autoscale()
+
+
+def _inputs(axis: Any, values: Floats, drives: Sequence[str], units: Mapping[str, str]) -> None:
+    """Each value of U as a dot; of very many, the corners of their box."""
+    shown = np.unique(values, axis=0)
+    if len(shown) > MOST_DOTS:
+        shown = np.array(list(product(*zip(values.min(axis=0), values.max(axis=0), strict=True))))
+    if len(drives) == 1:
+        axis.plot(np.zeros(len(shown)), shown[:, 0], "o", color=style.PURPLE, ms=4, label="value of U")
+        axis.set(xlim=(-1, 1), xticks=[], ylabel=axis_label(drives[0], units))
+    else:
+        axis.plot(shown[:, 0], shown[:, 1], "o", color=style.PURPLE, ms=2.5, label="value of U")
+        axis.set(xlabel=axis_label(drives[0], units), ylabel=axis_label(drives[1], units))

@@ -6,8 +6,6 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from simgap.closed_loop import BEYOND
 from simgap.config.controller import Trials
 from simgap.gap.bounds.function import PROVEN
@@ -16,7 +14,7 @@ from simgap.gap.noise import statement_of
 from simgap.io.traces import BASELINE, EVERY_TITLE, GAP_AWARE, MODEL, NOMINAL, shown
 from simgap.notation import number, pretty_unit
 from simgap.report import tables
-from simgap.report.material import Material
+from simgap.report.tables import Material
 from simgap.specifications.base import STUCK, specification_of
 from simgap.specifications.space import Space
 
@@ -195,7 +193,6 @@ def verdict(m: Material) -> dict[str, Any]:
         "sample": _sample(m),
         "nominal": f"Nominal-only controller: {_violations(m)}.",
         "failure": failure(m),
-        "cells_apart": cells_apart(m),
         "on_model": on_model(m),
         "baseline": _baseline(m),
         "arrival": _arrival(m),
@@ -347,29 +344,6 @@ def failure(m: Material) -> str:
     )
 
 
-def cells_apart(m: Material) -> str:
-    """How many cells one controller wins and the other loses, and why: the gap costs cells, a known bias gives some."""
-    aware, nominal = m.controllers[GAP_AWARE], m.controllers[NOMINAL]
-    if aware.grid.cells != nominal.grid.cells:
-        return ""
-    lost, won = (
-        int(np.count_nonzero(a.solution.winning & ~b.solution.winning)) for a, b in ((nominal, aware), (aware, nominal))
-    )
-    path = ", or the path between samples," if specification_of(m.context.case).between_samples else ""
-    said = ""
-    if lost:
-        said += (
-            f" The gap-aware controller loses {_cells(lost)} that the other wins: there, some gap within gamma{path} "
-            "leads out."
-        )
-    if won and tables.is_signed(m.gap):
-        said += (
-            f" The gap-aware controller wins {_cells(won)} that the other loses: gamma excludes zero in places, and "
-            "the gap that is certain to act there helps."
-        )
-    return said
-
-
 def on_model(m: Material) -> str:
     """Why the gap-aware controller fails on the nominal model, where it does: that is not what it was made for."""
     tally = m.tally(GAP_AWARE, MODEL)
@@ -384,10 +358,6 @@ def on_model(m: Material) -> str:
         f"The gap-aware controller is made for the simulator{other} and promises nothing about the nominal model. "
         f"There, {bad:,} of {runs:,} runs fail, as they may: gamma excludes a gap of zero in places."
     )
-
-
-def _cells(count: int) -> str:
-    return f"{count:,} cell{'s' * (count != 1)}"
 
 
 def _violations(m: Material) -> str:

@@ -6,26 +6,22 @@ still pictures say the same.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.diagnosis.result import WindowPrediction
 from simgap.io import figure_style as style
 from simgap.io.traces import GAP_AWARE, NOMINAL, TITLES, first_seconds, shown
 from simgap.notation import axis_label
-from simgap.report.figures.diagnosis import LOOKS, in_sequence
 from simgap.report.figures.gap import scaled
-from simgap.report.material import Material
 from simgap.report.scene import limits
+from simgap.report.tables import Material
 
 HEIGHT = 190
 """Height of a row, pixels."""
-MOST_SAMPLES = 4000
-"""Samples of a trace that are drawn: a page stays below two megabytes with the script in it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +46,7 @@ def explored_runs(m: Material) -> dict[str, Any]:
     """A row for each state, with both controllers, and a row for its gap in its bound."""
     runs = [shown(m.traces, kind) for kind in (NOMINAL, GAP_AWARE)]
     until = first_seconds({trace.controller: trace for trace in runs})
-    return _figure(list(_rows_of_runs(m, runs)), until)
+    return explored(list(_rows_of_runs(m, runs)), until)
 
 
 def _rows_of_runs(m: Material, runs: Sequence[Any]) -> Iterator[Row]:
@@ -69,21 +65,7 @@ def _rows_of_runs(m: Material, runs: Sequence[Any]) -> Iterator[Row]:
         yield Row(f"gap of {name} ({unit})", [*bound, line("gap", aware.t[own], gap, style.BLACK)])
 
 
-def explored_predictions(
-    windows: Sequence[WindowPrediction], names: Sequence[str], units: Mapping[str, str]
-) -> dict[str, Any]:
-    """Measured and predicted values of one trace, a row for each name: windows in order, with a break between them."""
-    ends = np.cumsum([len(w.t) for w in windows])
-    t, lines = in_sequence(windows[: max(1, int(np.searchsorted(ends, MOST_SAMPLES)))])
-    dashes = {word: "dash" if "ls" in look else "solid" for word, look in LOOKS.items()}
-    rows = [
-        Row(axis_label(n, units), [line(w, t, lines[w][:, k], LOOKS[w]["color"], dash) for w, dash in dashes.items()])
-        for k, n in enumerate(names)
-    ]
-    return _figure(rows, float(t[-1]), float(t[0]))
-
-
-def _figure(rows: Sequence[Row], until: float, since: float = 0.0) -> dict[str, Any]:
+def explored(rows: Sequence[Row], until: float, since: float = 0.0) -> dict[str, Any]:
     """Plotly's data and layout; a name stands in the legend once, and a click on it there hides it in all rows."""
     named = dict.fromkeys(own["name"] for row in rows for own in row.lines)
     data = []

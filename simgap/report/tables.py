@@ -1,15 +1,18 @@
-"""The tables of a case's page, as plain rows for the template."""
+"""What the page of a case is made from, in memory, and its tables, as plain rows for the template."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from simgap.io.traces import BASELINE, EVERY_TITLE, GAP_AWARE, MODEL, NOMINAL, SIMULATOR, TITLES
+from simgap.gap.bounds.function import GapFunction
+from simgap.io.traces import BASELINE, EVERY_TITLE, GAP_AWARE, MODEL, NOMINAL, SIMULATOR, TITLES, Trace
 from simgap.notation import number, pretty_unit
-from simgap.report.material import Material
+from simgap.plants.context import Context
+from simgap.synthesis.controller import Controller
 
 Rows = list[dict[str, Any]]
 SEES_GAMMA = 0.5
@@ -20,6 +23,50 @@ BOUND_FIGURES = (
     ("width", "sup of its width"),
     ("sampled", "largest sampled gap"),
 )
+
+
+@dataclass(frozen=True, eq=False)
+class Corrected:
+    """The same case with the nominal model that the diagnosis corrected.
+
+    `inside` is the share of measured transitions inside f +- gamma, "before" and "after"; None where it is not known.
+    """
+
+    summary: Mapping[str, Any]
+    controllers: Mapping[str, Controller]
+    inside: Mapping[str, Mapping[str, float] | None]
+
+
+@dataclass(frozen=True, eq=False)
+class Material:
+    """Results that were read.
+
+    Attributes:
+        sweep: the content of every gap.json, largest eps first; gap: of the case's own eps; bound: the function in it.
+        syntheses, controllers: by kind, "nominal" and "gap". twin: how far the simulator is from what it stands for.
+        audit: what the adversary did; margins: table of the one-step margins of every cell; None without an audit.
+    """
+
+    context: Context
+    sweep: Sequence[Mapping[str, Any]]
+    gap: Mapping[str, Any]
+    bound: GapFunction
+    samples: Any
+    syntheses: Mapping[str, Mapping[str, Any]]
+    controllers: Mapping[str, Controller]
+    validation: Mapping[str, Any]
+    traces: Sequence[Trace]
+    diagnosis: Mapping[str, Any] | None
+    corrected: Corrected | None
+    printed: Mapping[str, Any]
+    audit: Mapping[str, Any] | None = None
+    margins: Any = None
+    twin: Mapping[str, Any] | None = None
+
+    def tally(self, controller: str, plant: str = SIMULATOR) -> Mapping[str, Any]:
+        """What the runs of a controller on a plant came to; empty where there were none."""
+        own: Mapping[str, Any] = self.validation["controllers"].get(controller, {}).get(plant, {})
+        return own
 
 
 def is_signed(gap: Mapping[str, Any]) -> bool:

@@ -68,7 +68,6 @@ def summary(context: Context, margins: Margins | str) -> dict[str, Any] | None:
         **({"only": margins.only} if margins.only else {}),
         "factor": quantiles(margins.factor[known]),
         "largest_looked_for": LARGEST_FACTOR,
-        "extra": {n: quantiles(margins.extra[known, j]) for j, n in enumerate(context.states)},
     }
 
 
@@ -192,11 +191,8 @@ def _write_margins(context: Context, margins: Margins | str, path: Path, record:
     """A row a cell; none where there are no margins."""
     columns: dict[str, Any] = {"factor": np.empty(0, np.float32)}
     if not isinstance(margins, str):
-        columns = {"factor": margins.factor, "loses_by": margins.loses_by} | {
-            f"extra_{n}": margins.extra[:, j] for j, n in enumerate(context.states)
-        }
-    units = {f"extra_{n}": context.units[n] for n in context.states}
-    write_parquet(path, table(columns, units, {"case": context.case.name}, record))
+        columns = {"factor": margins.factor, "loses_by": margins.loses_by}
+    write_parquet(path, table(columns, {}, {"case": context.case.name}, record))
 
 
 def _beside(witnesses: Sequence[Witness]) -> str:

@@ -22,8 +22,8 @@ from simgap.plants.context import Context
 from simgap.report.case_figures import draw
 from simgap.report.content import content, summary
 from simgap.report.explorer import explored_runs
-from simgap.report.material import Corrected, Material
 from simgap.report.measured_share import share_inside
+from simgap.report.tables import Corrected, Material
 from simgap.stages import log
 from simgap.stages.arguments import CasePath, GapAwareController, NominalController, Option, Out, Traces
 from simgap.stages.gap_inputs import read_result, read_table

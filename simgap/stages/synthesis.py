@@ -101,7 +101,7 @@ def _solved(
     summary: Path,
     threads: int,
 ) -> Solution:
-    """The solution; where there is none, why: as a block of the log, in the summary and in a file beside it.
+    """The solution; where there is none, why: in the summary and in a file beside it.
 
     Raises:
         EmptyDomain: no cell wins.
@@ -110,8 +110,6 @@ def _solved(
         return synthesise(problem, threads)
     except EmptyDomain as error:
         found = explain(problem, _retimed(context), threads, _parts(context, gap_path))
-        for line in found.block():
-            log.warning("%s", line)
         model = "with gap" if problem.gap is not None else "nominal"
         asked = problem.specification.sentence(problem.space)
         figures = {

@@ -92,21 +92,6 @@ class EmptyDomainExplanation(JsonRecord):
     axes: tuple[AxisNumbers, ...]
     tries: tuple[Attempt, ...]
 
-    def block(self) -> list[str]:
-        """Lines for a terminal."""
-        head = ("state", "cell", "inputs move", "gamma", "its width", "successor", "nominal", "all leave")
-        rows = [
-            (a.state, f"{a.cell:.3g}", f"{a.moves:.3g}", f"{a.gamma:.3g}", f"{a.gamma_width:.3g}",
-             f"{a.spans:.3g} cells", f"{a.spans_nominal:.3g} cells", f"{100 * a.leaves:.3g} %") for a in self.axes
-        ]  # fmt: skip
-        tried = [(f"{t.what}, {' x '.join(map(str, t.cells))} cells", f"{t.wins:.3g} wins") for t in self.tries]
-        return [
-            "Why nothing wins: " + self.sentence,
-            *_table([head, *rows]),
-            "A quick search on coarse cells (not a proof; * the nominal model alone):",
-            *_table([(("  " if t.with_gap else "* ") + a, b) for t, (a, b) in zip(self.tries, tried, strict=True)]),
-        ]
-
 
 @dataclass(frozen=True)
 class GammaParts:
@@ -288,13 +273,6 @@ def _widest(gap, centres, h, inputs, out):  # type: ignore[no-untyped-def]
             for j in range(n):
                 out[j, 0] = max(out[j, 0], abs(lo[j]), abs(hi[j]))
                 out[j, 1] = max(out[j, 1], hi[j] - lo[j])
-
-
-def _table(rows: Sequence[Sequence[str]]) -> list[str]:
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    return [
-        "  " + "  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip() for row in rows
-    ]
 
 
 _FORBIDDEN = "The specification, its clearance or a wall of X forbids this cell, whatever the controller."

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,9 +63,9 @@ def padded(grid: Grid, margin: tuple[int, ...]) -> Grid:
     return Grid(box, [c + 2 * int(p) for c, p in zip(grid.cells, pad, strict=True)], grid.periodic)
 
 
-def embed(values: Words, grid: Grid, larger: Grid, outside: Words) -> Words:
-    """Rows of the grid's cells (cells, k) in the larger grid's, `outside` (k,) elsewhere."""
-    out = np.empty((*larger.cells, values.shape[1]), np.uint64)
+def embed(values: NDArray[Number], grid: Grid, larger: Grid, outside: Any) -> NDArray[Number]:
+    """Rows of the grid's cells (cells, k) in the larger grid's, `outside`, (k,) or one for all, elsewhere."""
+    out = np.empty((*larger.cells, values.shape[1]), values.dtype)
     out[...] = outside
     out[inner(grid, larger)] = values.reshape(*grid.cells, -1)
     return out.reshape(larger.size, -1)

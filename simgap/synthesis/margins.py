@@ -5,8 +5,7 @@ At a losing cell it is the other way round: how narrow gamma would have to be fo
 With gamma = [lo, hi] over the cell, half-width w = (hi - lo) / 2, and an admissible input m, the successor box of the
 cell is that of f, moved by lo and hi (`post`). The margin of a cell is
 
-    factor    = max over m of the largest s such that the box, grown by (s - 1) w on both sides along every axis,
-    extra_i   = max over m of the largest e such that the box, grown by e on both sides along axis i alone,
+    factor = max over m of the largest s such that the box, grown by (s - 1) w on both sides along every axis,
 
 still covers winning cells only. Admissible are the controller's inputs: towards a target those that go down a level.
 Where the class of the previous input is remembered, gamma and the inputs are those after an input of one class, and the
@@ -17,7 +16,7 @@ A controller that keeps cells of the true state by measurements with an error ta
 whichever the measurement is. The margin of a true cell is then the least over the measured cells y that its states may
 be measured in, with m admitted at y:
 
-    factor    = min over y of max over m of the largest s such that ...
+    factor = min over y of max over m of the largest s such that ...
 
 A cell that loses has a factor below 1: the largest s for which the box of some input of U covers winning cells only.
 Where there is none, not even at s = 0, gamma is not what loses the cell: the cell is too large if the box of its centre
@@ -55,8 +54,8 @@ from simgap.synthesis.abstraction.post import Frame, Kernel, cell_box, image, to
 from simgap.synthesis.input_sets import (
     LARGEST_TABLES,
     crop,
+    embed,
     every_input,
-    inner,
     padded,
     to_bytes,
     to_words,
@@ -71,9 +70,6 @@ RESOLUTION = 2e-3
 """Relative accuracy of a margin, which is rounded down."""
 LAYERS = 3
 """Headings that are looked at where classes are remembered: each costs a robot 3 CPU s."""
-NEAR, FAR = 1.02, 3.0
-"""Steps, as ratios, in which a size is looked for around that of the cell before: the first, squared from one to the
-next, until it is larger than the second."""
 
 
 @njit(inline="always", error_model="numpy")
@@ -112,107 +108,53 @@ def _grown(shape, n, tables, c, lo, hi, by, size, header, work):  # type: ignore
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _known(shape, n, tables, c, lo, hi, by, guess, header, work):  # type: ignore[no-untyped-def]
-    """A size that fits and one that does not, close to a guess: 0 and infinity where that is not known.
-
-    A box that fits also fits when it grows by less; no size is asked about where growing is not that.
-    """
-    fits, fails = -1.0, np.inf
-    for j in range(n):
-        if not by[j] >= 0.0:
-            return fits, fails
-    size, stride = guess, NEAR
-    while 0.0 < size < np.inf:
-        if _grown(shape, n, tables, c, lo, hi, by, size, header, work):
-            fits = size
-            if fails < np.inf:
-                break
-            size *= stride
-        else:
-            fails = size
-            if fits > 0.0 or stride > FAR:
-                break
-            size /= stride
-        stride *= stride
-        if stride > FAR * FAR:
-            break
-    return fits, fails
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _largest(shape, n, tables, c, lo, hi, by, best, most, guess, header, work):  # type: ignore[no-untyped-def]
+def _largest(shape, n, tables, c, lo, hi, by, best, most, header, work):  # type: ignore[no-untyped-def]
     """Largest size in (best, most] whose box fits, rounded down; `best` if none is larger by the resolution.
 
-    A `best` below 0 says that nothing is known to fit, not even the box itself. The sizes that are tried do not depend
-    on the guess, which only saves asking about those whose answer follows from it.
+    A `best` below 0 says that nothing is known to fit, not even the box itself.
     """
-    fits, fails = _known(shape, n, tables, c, lo, hi, by, guess, header, work)
-    low, high, stage = best, most, 0 if best < 0.0 else 1
-    while True:
-        if stage == 0:  # the box itself
-            size = 0.0
-        elif stage == 1:  # more than the best by the resolution
-            size = max(max(best, 0.0) * (1.0 + RESOLUTION), most * 1e-9)
-        elif stage == 2:
-            size = most
-        else:
-            size = np.sqrt(low * high)
-        held = size <= fits
-        if not held and size < fails:
-            held = _grown(shape, n, tables, c, lo, hi, by, size, header, work)
-        if stage == 0:
-            if not held:
-                return best
-            low = 0.0
-        elif stage == 1:
-            if not held:
-                return low
-            low = size
-        elif stage == 2 and held:
-            return most
-        elif held:
+    if best < 0.0 and not _grown(shape, n, tables, c, lo, hi, by, 0.0, header, work):
+        return best
+    low, high = max(max(best, 0.0) * (1.0 + RESOLUTION), most * 1e-9), most
+    if not _grown(shape, n, tables, c, lo, hi, by, low, header, work):
+        return max(best, 0.0)
+    if _grown(shape, n, tables, c, lo, hi, by, most, header, work):
+        return most
+    while high > low * (1.0 + RESOLUTION):
+        size = np.sqrt(low * high)
+        if _grown(shape, n, tables, c, lo, hi, by, size, header, work):
             low = size
         else:
             high = size
-        if stage >= 2 and not high > low * (1.0 + RESOLUTION):
-            return low
-        stage = min(stage + 1, 3)
+    return low
 
 
 @njit(inline="always", error_model="numpy")
-def _placed(m, q, boxes, shift, spare):  # type: ignore[no-untyped-def]
-    """The box of input m and how it grows: by gamma's half-widths for q = 0, else along axis q - 1 alone."""
+def _placed(m, boxes, shift, spare):  # type: ignore[no-untyped-def]
+    """The box of input m, moved to its cell."""
     for j in range(shift.size):
         spare[0, j], spare[1, j] = boxes[0, m, j] + shift[j], boxes[1, m, j] + shift[j]
-        spare[2, j] = boxes[2, m, j] if q == 0 else (1.0 if q - 1 == j else 0.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _of_inputs(  # type: ignore[no-untyped-def]
-    q, most, admitted, liked, last, boxes, shift, spare, kind, shape, tables, header, work
+    most, admitted, liked, boxes, shift, spare, kind, shape, tables, header, work
 ):  # fmt: skip
     """Largest growth over the admitted inputs (bytes): what served the last cell best rarely leaves more to find.
 
-    `liked` and `last` (n + 1,) hold that input and its growth, for each q.
+    `liked` (1,) holds that input.
     """
     best, n = -1.0, shift.size
-    low, high, by = spare[0], spare[1], spare[2]
     for turn in range(-1, kind.size):
-        m = liked[q] if turn < 0 else turn
-        if (turn == liked[q]) or not admitted[m >> 3] >> (m & 7) & 1:
+        m = liked[0] if turn < 0 else turn
+        if (turn == liked[0]) or not admitted[m >> 3] >> (m & 7) & 1:
             continue
-        _placed(m, q, boxes, shift, spare)
-        if best >= 0.0:
-            size = max(best * (1.0 + RESOLUTION), most * 1e-9)
-            if not _grown(shape, n, tables, kind[m], low, high, by, size, header, work):
-                continue
-        guess = last[q] if best < 0.0 else best * (1.0 + RESOLUTION)
-        own = _largest(shape, n, tables, kind[m], low, high, by, best, most, guess, header, work)
+        _placed(m, boxes, shift, spare)
+        own = _largest(shape, n, tables, kind[m], spare[0], spare[1], boxes[2, m], best, most, header, work)
         if own > best:
-            best, liked[q] = own, m
+            best, liked[0] = own, m
         if best >= most:
             break
-    last[q] = best
     return best
 
 
@@ -244,7 +186,7 @@ def _others(index, reach, wide, wraps, seen, common, rows):  # type: ignore[no-u
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _worst_measurement(  # type: ignore[no-untyped-def]
-    rows, found, q, best, most, boxes, shift, spare, kind, shape, tables, header, work, score
+    rows, found, best, most, boxes, shift, spare, kind, shape, tables, header, work, score
 ):  # fmt: skip
     """The least over measurements of the largest over their inputs, where `best` is that of the common inputs."""
     for m in range(kind.size):
@@ -255,10 +197,11 @@ def _worst_measurement(  # type: ignore[no-untyped-def]
         for m in range(kind.size):
             if rows[y, m >> 3] >> (m & 7) & 1:
                 if score[m] == -2.0:
-                    _placed(m, q, boxes, shift, spare)
+                    _placed(m, boxes, shift, spare)
                     score[m] = _largest(
-                        shape, shift.size, tables, kind[m], spare[0], spare[1], spare[2], best, most, -1.0, header, work
-                    )
+                        shape, shift.size, tables, kind[m], spare[0], spare[1], boxes[2, m], best, most, header,
+                        work,
+                    )  # fmt: skip
                 own = max(own, score[m])
                 if own >= worst:
                     break
@@ -273,7 +216,7 @@ def searcher(image_of_box: Kernel, gap: Kernel) -> Any:
     @cached_kernel
     def search(  # type: ignore[no-untyped-def]
         cells, rest, strides, free, header, inputs, kind, shape, tables, inside, mask, reach, wide, seen, base, whole,
-        factor, extra
+        factor
     ):  # fmt: skip
         """`base`: 1 to grow gamma, 0 to grow it from its middle. `whole`: of the cells, or of their centres.
 
@@ -281,9 +224,9 @@ def searcher(image_of_box: Kernel, gap: Kernel) -> Any:
         """
         n, count = cells.shape[1], inputs.shape[0]
         boxes, box, ranges = np.empty((3, count, n)), np.empty((3, n)), np.empty((2, n))
-        work, spare, score = np.empty(2 * n, np.int64), np.empty((3, n)), np.empty(count)
-        liked, last, index, shift = np.zeros(n + 1, np.int64), np.zeros(n + 1), np.empty(n, np.int64), np.empty(n)
-        window, found = 1, 0
+        work, spare, score = np.empty(2 * n, np.int64), np.empty((2, n)), np.empty(count)
+        liked, index, shift = np.zeros(1, np.int64), np.empty(n, np.int64), np.empty(n)
+        window, found, most = 1, 0, LARGEST_FACTOR - 1.0 if base > 0.0 else 1.0
         for j in range(n):
             window *= 2 * reach[j] + 1
         rows = np.empty((window, mask.shape[1]), np.uint8)
@@ -311,17 +254,13 @@ def searcher(image_of_box: Kernel, gap: Kernel) -> Any:
                 own = mask[flat if mask.shape[0] > 1 else 0]
                 if window > 1:
                     found = _others(index, reach, wide, shape[1], seen, own, rows)
-                for q in range(n + 1 if base > 0.0 else 1):  # the factor, then each axis alone
-                    most = header[n + q - 1] * shape[0, q - 1] if q else LARGEST_FACTOR - 1.0 if base > 0.0 else 1.0
-                    best = _of_inputs(q, most, own, liked, last, boxes, shift, spare, kind, shape, tables, header, work)
-                    if found:
-                        best = _worst_measurement(
-                            rows, found, q, best, most, boxes, shift, spare, kind, shape, tables, header, work, score
-                        )
-                    if best >= 0.0 and q == 0:
-                        factor[flat] = base + best
-                    elif best >= 0.0:
-                        extra[flat, q - 1] = best
+                best = _of_inputs(most, own, liked, boxes, shift, spare, kind, shape, tables, header, work)
+                if found:
+                    best = _worst_measurement(
+                        rows, found, best, most, boxes, shift, spare, kind, shape, tables, header, work, score
+                    )
+                if best >= 0.0:
+                    factor[flat] = base + best
 
     return search
 
@@ -340,13 +279,11 @@ class Margins:
     Attributes:
         factor: (cells,) on gamma's half-width, at most `LARGEST_FACTOR`; below 1 where a cell loses by gamma, NaN where
             it loses by something else.
-        extra: (cells, nx) for each state alone, in its unit, at most the width of the region; NaN where a cell loses.
         loses_by: (cells,) what a cell loses by, one of `CAUSES`.
         only: of which cells, where it is not all of them, as words.
     """
 
     factor: NDArray[np.float32]
-    extra: NDArray[np.float32]
     loses_by: NDArray[np.uint8]
     only: str = ""
 
@@ -356,7 +293,6 @@ class Margins:
         return replace(
             self,
             factor=np.where(new, other.factor, self.factor),
-            extra=np.where(new[:, None], other.extra, self.extra),
             loses_by=np.where(new, other.loses_by, self.loses_by),
         )
 
@@ -425,23 +361,23 @@ def one_step_margins(
     cells = _looked_at(grid, others, winning if losing is None else winning | losing)
     about = cells, _offsets(grid, others), strides, free, header, frame.inputs, known.kind, shape, tables
 
-    def found(inside: Bools, seen: tuple[Any, ...], base: float, whole: bool) -> tuple[Floats, Floats]:
-        factor, extra = np.full(grid.size, np.nan), np.full((grid.size, n), np.nan)
-        search(*about, inside.astype(np.uint8), *seen, base, whole, factor, extra)
-        return factor, extra
+    def found(inside: Bools, seen: tuple[Any, ...], base: float, whole: bool) -> Floats:
+        factor = np.full(grid.size, np.nan)
+        search(*about, inside.astype(np.uint8), *seen, base, whole, factor)
+        return factor
 
-    factor, extra = found(winning, _measured(grid, mask, count, (0,) * n if reach is None else reach), 1.0, True)
+    factor = found(winning, _measured(grid, mask, count, (0,) * n if reach is None else reach), 1.0, True)
     loses_by = np.full(grid.size, NOTHING, np.uint8)
     if losing is not None:
         every = _measured(grid, to_bytes(every_input(count)[None], count), count, (0,) * n)
-        narrower, _ = found(losing, every, 0.0, True)
-        centres, _ = found(losing & np.isnan(narrower), every, 0.0, False)
+        narrower = found(losing, every, 0.0, True)
+        centres = found(losing & np.isnan(narrower), every, 0.0, False)
         loses_by[losing] = AROUND
         loses_by[centres >= 0.0] = CELLS
         loses_by[narrower >= 0.0] = GAMMA
         loses_by[narrower >= 1.0] = BESIDE
         factor = np.where(loses_by == GAMMA, narrower, factor)
-    return Margins(_rounded_down(factor), _rounded_down(extra), loses_by)
+    return Margins(_rounded_down(factor), loses_by)
 
 
 def _looked_at(grid: Grid, others: tuple[int, ...], inside: Bools) -> Ints:
@@ -549,15 +485,9 @@ def _of_true_cells(context: Context, gap: GapFunction, solution: Solution, error
     found = one_step_margins(*about, gap.domain.read, None, known, reach, losing)
     only = "" if late is None else _first(context, late)
 
-    def on_measurements(values: Any, outside: Any) -> Any:
-        out = np.full((larger.size, *values.shape[1:]), outside, values.dtype)
-        out.reshape(*larger.cells, *values.shape[1:])[inner(grid, larger)] = values.reshape(
-            *grid.cells, *values.shape[1:]
-        )
-        return out
-
-    sides = on_measurements(found.factor, np.nan), on_measurements(found.extra, np.nan)
-    return Margins(*sides, on_measurements(found.loses_by, NOTHING), only)
+    factor, loses_by = found.factor[:, None], found.loses_by[:, None]
+    factor, loses_by = embed(factor, grid, larger, np.nan), embed(loses_by, grid, larger, NOTHING)
+    return Margins(factor[:, 0], loses_by[:, 0], only)
 
 
 def _true_grid(context: Context, larger: Grid, reach: tuple[int, ...]) -> Grid:

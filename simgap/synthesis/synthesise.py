@@ -15,9 +15,8 @@ from simgap.model.sampled import NominalModel
 from simgap.specifications.base import Game, Specification
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
-from simgap.synthesis.abstraction.cells import Abstraction
+from simgap.synthesis.abstraction.cells import Abstraction, nominal_abstraction
 from simgap.synthesis.abstraction.intersample import SweptCells
-from simgap.synthesis.abstraction.nominal import nominal_abstraction
 from simgap.synthesis.abstraction.post import Kernel
 from simgap.synthesis.controller import least_effort
 from simgap.synthesis.games.game import NodeGame, PreviousBounds, one_input_only

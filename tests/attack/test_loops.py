@@ -22,7 +22,7 @@ from simgap.specifications.reaching import ReachAndStay
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 from simgap.stages.validation import draw_starts
-from simgap.synthesis.abstraction.nominal import nominal_abstraction
+from simgap.synthesis.abstraction.cells import nominal_abstraction
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.games.game import NodeGame
 from simgap.synthesis.games.invariance import invariance

@@ -15,13 +15,12 @@ from simgap.io.rerun.closed_loop import domains_image, to_pixels
 from simgap.io.results import stack
 from simgap.io.traces import BASELINE, GAP_AWARE, NOMINAL, shown, split
 from simgap.plants.context import Context
-from simgap.report.case_figures import surroundings
+from simgap.report.case_figures import problem_figure, surroundings
+from simgap.report.diagnosis_page import steps_figure
 from simgap.report.figures import cells as figures_cells
 from simgap.report.figures import gap as figures_gap
-from simgap.report.figures import problem as figures_problem
 from simgap.report.figures import runs as figures_runs
-from simgap.report.figures.cells import margin_slices_figure
-from simgap.report.figures.diagnosis import steps_figure
+from simgap.report.figures.cells import margins_figure
 from simgap.report.figures.gap import followed_axis
 from simgap.synthesis.margins import LARGEST_FACTOR, shown_layers
 from tests.stages import loop_example as example
@@ -176,16 +175,14 @@ def test_maps_of_margins_show_the_layers_that_have_some_and_say_where_a_bar_ends
     factor[:, :, layers] = np.geomspace(1.01, 50.0, 40)[:, None, None]
     lost = np.zeros(grid.cells, np.uint8)
     lost[0, :, 0] = 3
-    figure = margin_slices_figure(
-        grid, factor.reshape(-1), lost, ("x", "y", "theta"), {"x": "m", "y": "m", "theta": "rad"}
-    )
+    figure = margins_figure(grid, factor.reshape(-1), lost, ("x", "y", "theta"), {"x": "m", "y": "m", "theta": "rad"})
     titles = [axis.get_title() for axis in figure.axes if axis.get_title()]
     assert titles == [f"theta = {-3.0 + (k + 0.5) / 8:.2f} rad" for k in (0, 16, 32)]
     names = [label.get_text() for label in figure.axes[-1].get_yticklabels()]
     assert not any("\u2265" in name for name in names)
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["lost to the cells around it"]
     factor[0, 0, 0] = LARGEST_FACTOR
-    figure = margin_slices_figure(grid, factor.reshape(-1), 0 * lost, ("x", "y", "theta"), {})
+    figure = margins_figure(grid, factor.reshape(-1), 0 * lost, ("x", "y", "theta"), {})
     names = [label.get_text() for label in figure.axes[-1].get_yticklabels()]
     assert names[-1] == "\u2265 10,000"
 
@@ -217,7 +214,7 @@ def test_the_question_shows_x_the_specification_and_every_input(root):
     context = Context.load(root / "configs/cases/turtlebot.yaml")
     names = context.states, context.inputs
     with style.figure_style():
-        figure = figures_problem.problem_figure(
+        figure = problem_figure(
             context.box, context.input_set, names, context.units, lambda pair, own: surroundings(context, pair)(own)
         )
         floor, heading, drives = figure.axes
@@ -235,7 +232,7 @@ def test_a_plug_in_may_draw_any_patch(root):
     context = Context.load(root / "configs/cases/pendulum.yaml")
     names = context.states, context.inputs
     with style.figure_style():
-        figure = figures_problem.problem_figure(
+        figure = problem_figure(
             context.box, context.input_set, names, context.units,
             lambda pair, own: own.add_patch(Circle((0.0, 0.0), 0.9, label="a circle")),
         )  # fmt: skip

@@ -43,7 +43,7 @@ def test_a_trace_with_signs_of_formulas_and_of_terminals(tmp_path):
 
 
 def test_a_picture_that_fails_is_told_where_it_should_stand(tmp_path, monkeypatch, caplog):
-    monkeypatch.setattr(diagnosis_page.pictures, "overlay_figure", lambda *_: 1 / 0)
+    monkeypatch.setattr(diagnosis_page, "overlay_figure", lambda *_: 1 / 0)
     write(tmp_path, "bench")
     page = example.without_scripts(tmp_path / "out/report.html")
     assert "measured-1.svg could not be drawn" in page

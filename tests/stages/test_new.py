@@ -13,8 +13,9 @@ import yaml
 from simgap.errors import UserError
 from simgap.extras.wizard import new_case as new
 from simgap.extras.wizard.driven_arm import Proposal
-from simgap.extras.wizard.dry_friction_guess import blocks_along
-from simgap.extras.wizard.joints import axes_of, centre_of, drives, needed_inputs
+from simgap.extras.wizard.model_file import centre_of
+from simgap.extras.wizard.new_case import axes_of, drives, needed_inputs
+from simgap.extras.wizard.proposal import blocks_along
 from simgap.extras.wizard.propose import Numbers
 from simgap.gap.sampling.points import covering_grid, own_point
 from simgap.io.controller_file import load_controller

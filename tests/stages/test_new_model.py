@@ -6,7 +6,8 @@ import yaml
 
 from simgap.config.load import load_case
 from simgap.errors import UserError
-from simgap.extras.wizard.model_file import Asked, model_of_mjcf, model_of_urdf
+from simgap.extras.wizard.mjcf_as_urdf import model_of_mjcf
+from simgap.extras.wizard.model_file import Asked, model_of_urdf
 from simgap.extras.wizard.new_case import run
 from simgap.stages import check
 
@@ -38,8 +39,8 @@ def urdf(folder, *parts, root=None):
     return path
 
 
-def asked(folder, joints=None, at=(), base=None):
-    return Asked(joints, dict(at), base, folder / "mine")
+def asked(folder, joints=None, at=(), base=None, note=lambda words: None):
+    return Asked(joints, dict(at), base, folder / "mine", note=note)
 
 
 def accelerations(path, names, q, v, held=()):
@@ -63,7 +64,7 @@ def test_locked_joints_leave_the_motion_of_the_others_as_it_is(tmp_path, kept):
     """Against the whole arm in Drake, whose other joints are held by forces."""
     path = urdf(tmp_path, chain("a", 4))
     at = {"ja0": 0.4, "ja1": -0.7, "ja2": 1.1, "ja3": 0.2}
-    model = model_of_urdf(path, asked(tmp_path, kept, at), lambda words: None)
+    model = model_of_urdf(path, asked(tmp_path, kept, at))
     assert list(model.file.joints) == kept
     rng, held = np.random.default_rng(0), {n: q for n, q in at.items() if n not in kept}
     for _ in range(5):
@@ -134,11 +135,11 @@ def test_what_the_file_does_not_say_is_asked_for_in_a_line(tmp_path, name):
 
 def test_what_is_asked_for_decides(tmp_path):
     legs = urdf(tmp_path, chain("a", 2), chain("b", 2))
-    assert len(model_of_urdf(legs, asked(tmp_path, base="fixed"), print).file.joints) == 4
+    assert len(model_of_urdf(legs, asked(tmp_path, base="fixed")).file.joints) == 4
     bolted = urdf(tmp_path, chain("a", 2, "world"), chain("b", 2, "world"), root='<link name="world"/>')
-    assert len(model_of_urdf(bolted, asked(tmp_path), print).file.joints) == 4
+    assert len(model_of_urdf(bolted, asked(tmp_path)).file.joints) == 4
     loose = urdf(tmp_path, link("a"), joint("ja", "base", "a", "floating"), chain("b", 1, "a"))
-    assert list(model_of_urdf(loose, asked(tmp_path, base="fixed"), print).file.joints) == ["jb0"]
+    assert list(model_of_urdf(loose, asked(tmp_path, base="fixed")).file.joints) == ["jb0"]
 
 
 def test_check_says_that_legs_are_bolted(tmp_path):
@@ -165,7 +166,7 @@ def test_check_says_that_a_run_ends_without_a_controller(tmp_path):
 def test_joints_that_mimic_are_locked_with_what_they_mimic(tmp_path):
     fingers = joint("jm", "a1", "m", more=MIMIC.replace("ja0", "jf")), joint("jf", "a1", "f")
     hand = (chain("a", 2), link("m"), link("f"), *fingers)
-    model = model_of_urdf(urdf(tmp_path, *hand), asked(tmp_path, ["ja1"], {"jf": 0.5}), print)
+    model = model_of_urdf(urdf(tmp_path, *hand), asked(tmp_path, ["ja1"], {"jf": 0.5}))
     assert list(model.file.joints) == ["ja1"]
     whole = accelerations(tmp_path / "given.urdf", ["ja1"], [0.3], [0.0], {"ja0": 0.0, "jf": 0.5, "jm": -0.5})
     np.testing.assert_allclose(accelerations(model.file.path, ["ja1"], [0.3], [0.0]), whole, rtol=1e-8)
@@ -175,7 +176,7 @@ def test_meshes_that_are_not_there_are_left_out_and_told(tmp_path):
     mesh = '<visual><geometry><mesh filename="package://gone/arm.stl"/></geometry></visual>'
     notes = []
     path = urdf(tmp_path, link("a", more=mesh), joint("ja", "base", "a"))
-    model = model_of_urdf(path, asked(tmp_path), notes.append)
+    model = model_of_urdf(path, asked(tmp_path, note=notes.append))
     assert model.file.meshes == ()
     assert "package://gone/arm.stl is missing" in notes[0]
 
@@ -224,7 +225,7 @@ def by_mujoco(path, q, v, held=()):
 ])  # fmt: skip
 def test_a_file_of_mujoco_becomes_the_same_motion_in_drake(tmp_path, given, kept, at):
     path = mjcf(tmp_path, **given)
-    model = model_of_mjcf(path, asked(tmp_path, kept, at), lambda words: None)
+    model = model_of_mjcf(path, asked(tmp_path, kept, at))
     names = kept or ["rail", "hinge"]
     assert sorted(model.file.joints) == sorted(names)
     rng, held = np.random.default_rng(1), {n: q for n, q in at.items() if n not in names}
@@ -265,7 +266,7 @@ def test_servos_are_left_out_and_told(tmp_path):
     pytest.importorskip("mujoco")
     notes = []
     path = mjcf(tmp_path, actuator='<position joint="rail" kp="50" forcerange="-7 7"/>')
-    model = model_of_mjcf(path, asked(tmp_path), notes.append)
+    model = model_of_mjcf(path, asked(tmp_path, note=notes.append))
     assert model.mjcf == tmp_path / "mine_model.xml"
     assert "servos (rail kp = 50 kv = 0), for the inputs of the case are forces on joints" in notes[0]
     assert model.file.joints["rail"].effort == 7.0
@@ -305,7 +306,7 @@ def test_what_a_nominal_model_lacks_is_refused_by_its_word(tmp_path, name):
 def test_a_base_that_outweighs_what_it_carries_is_asked_for(tmp_path):
     heavy = urdf(tmp_path, chain("a", 2), root=link("base", m=3.0))
     with pytest.raises(UserError, match="its base weighs 3 kg and all that it carries 2 kg"):
-        model_of_urdf(heavy, asked(tmp_path), lambda words: None)
-    assert list(model_of_urdf(heavy, asked(tmp_path, base="fixed"), lambda words: None).file.joints) == ["ja0", "ja1"]
+        model_of_urdf(heavy, asked(tmp_path))
+    assert list(model_of_urdf(heavy, asked(tmp_path, base="fixed")).file.joints) == ["ja0", "ja1"]
     light = urdf(tmp_path, chain("a", 2), root=link("base", m=1.9))
-    assert model_of_urdf(light, asked(tmp_path), lambda words: None).file.joints
+    assert model_of_urdf(light, asked(tmp_path)).file.joints

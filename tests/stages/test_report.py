@@ -235,13 +235,11 @@ def test_the_adversary_stands_beside_the_random_samples(pendulum, tmp_path):
         "gap": {"violations": 0, "evaluations_by_search": {"climbing": 5678}, "largest_share": -0.25,
                 "worst": {"x1": -0.2, "x2": 0.5}},
         "closed_loop": {"simulator": loop, "disturbance": loop | {"steps": 4321}},
-        "margins": {"cells": 150, "lose_by": {"gamma": 7, "cells": 1}, "factor": quantiles, "largest_looked_for": 1e6,
-                    "extra": {"x1": quantiles, "x2": quantiles}},
+        "margins": {"cells": 150, "lose_by": {"gamma": 7, "cells": 1}, "factor": quantiles, "largest_looked_for": 1e6},
         "provenance": example.record(folder, "audit"),
     }  # fmt: skip
     rng = np.random.default_rng(0)
-    columns = {name: np.where(rng.random(cells) < 0.2, np.nan, 1 + rng.random(cells)).astype(np.float32)
-               for name in ("factor", "extra_x1", "extra_x2")}  # fmt: skip
+    columns = {"factor": np.where(rng.random(cells) < 0.2, np.nan, 1 + rng.random(cells)).astype(np.float32)}
     columns["loses_by"] = np.where(np.isnan(columns["factor"]), 1, 0).astype(np.uint8)
     write_parquet(tmp_path / "margins.parquet", table(columns, {}, {}, example.record(folder, "audit")))
 

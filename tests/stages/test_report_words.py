@@ -167,52 +167,29 @@ def test_why_the_gap_aware_controller_may_fail_on_the_nominal_model():
     assert said(0) == ""
 
 
-def _apart(aware: str, nominal: str, end: float = 1.7, gap: float = 0.5) -> SimpleNamespace:
-    """Winning cells (x) of two controllers over four cells of [0, 2], and a nominal run whose last step has a gap."""
-    grid = Grid(Box([0.0], [2.0]), (4,))
-
-    def controller(cells: str) -> Controller:
-        won = np.array([c == "x" for c in cells])
-        solution = Solution(grid, won, won[:, None].astype(np.uint8), np.ones(4, dtype=bool))
-        return Controller(np.zeros((1, 1)), ("q",), ("u",), solution, RULES[0], {})
-
+def _ended(cells: str, end: float = 1.7, gap: float = 0.5) -> SimpleNamespace:
+    """Winning cells (x) of a nominal controller, of four over [0, 2], and a run of it whose last step has a gap."""
+    won = np.array([c == "x" for c in cells])
+    solution = Solution(Grid(Box([0.0], [2.0]), (4,)), won, won[:, None].astype(np.uint8), np.ones(4, dtype=bool))
     steps = [np.array([[v]]) for v in (0.0, gap, gap - 1.0, gap + 1.0)]
     run = Trace.of(("nominal", "simulator", 0), 0.1, np.array([[0.2], [end]]), steps, np.ones(2, dtype=bool))
-    programs = {"lower": {}, "upper": {}}
     return SimpleNamespace(
-        controllers={"gap": controller(aware), "nominal": controller(nominal)},
+        controllers={"nominal": Controller(np.zeros((1, 1)), ("q",), ("u",), solution, RULES[0], {})},
         traces=[run],
         tally=lambda kind: {"runs_that_violated_it": 1},
         context=SimpleNamespace(states=("q",), units={"q": "rad"}, case=None),
-        gap={"dimensions": [{"scenario": programs}]},
     )
 
 
 def test_the_step_that_ends_a_nominal_run_is_told_with_its_gap():
-    said = content.failure(_apart("xx..", "xxx."))
+    said = content.failure(_ended("xxx."))
     assert "ends at q = 1.7 rad, outside its winning domain" in said
     assert "(0.5 rad in q) is the cause" in said
-    assert content.failure(_apart("xx..", "xxx.", end=1.2)) == ""  # it ends inside: something else ended it
-    assert content.failure(_apart("xx..", "xxx.", gap=0.1)) == ""  # the model alone leaves too
-    kept = _apart("xx..", "xxx.")
+    assert content.failure(_ended("xxx.", end=1.2)) == ""  # it ends inside: something else ended it
+    assert content.failure(_ended("xxx.", gap=0.1)) == ""  # the model alone leaves too
+    kept = _ended("xxx.")
     kept.tally = lambda kind: {"runs_that_violated_it": 0}
     assert content.failure(kept) == ""
-
-
-def test_why_one_controller_wins_cells_that_the_other_loses(monkeypatch):
-    monkeypatch.setattr(content, "specification_of", lambda case: SimpleNamespace(between_samples=False))
-    both = content.cells_apart(_apart(".xx.", "xxxx"))
-    assert "loses 2 cells that the other wins: there, some gap within gamma leads out" in both
-    assert "that the other loses" not in both
-    both = content.cells_apart(_apart("xx.x", "xxx."))
-    assert "loses 1 cells" not in both
-    assert "wins 1 cells" not in both
-    assert "loses 1 cell that" in both
-    assert "wins 1 cell that the other loses: gamma excludes zero in places" in both
-    assert content.cells_apart(_apart("xx..", "xx..")) == ""
-    unsigned = _apart("xxx.", "xx..")
-    unsigned.gap["dimensions"][0]["scenario"].pop("lower")
-    assert content.cells_apart(unsigned) == ""  # the path between samples alone can do that
 
 
 @pytest.mark.parametrize(("verdict", "rig", "lacking", "words"), [

@@ -86,7 +86,6 @@ def margins_are_those_of_the_definition(case, found, solution):
     own = replace(
         margins,
         factor=margins.factor.reshape(larger)[inner, inner].ravel(),
-        extra=margins.extra.reshape(*larger, 2)[inner, inner].reshape(-1, 2),
     )
     count = len(context.input_set)
     may = np.unpackbits(solution.acting, axis=1, count=count, bitorder="little")
@@ -94,7 +93,7 @@ def margins_are_those_of_the_definition(case, found, solution):
     mask = solution.mask.reshape(solution.grid.size, count, -1)[:, solution.first]
     some = np.random.default_rng(4).choice(np.flatnonzero(may[:, solution.first]), 12)
     about = context.plant.sampled, grid, context.input_set, gap.kernel(), may, mask
-    check(*about, own, some, 2, np.arange(count), solution.first, reach)
+    check(*about, own, some, np.arange(count), solution.first, reach)
 
 
 @pytest.mark.parametrize(
@@ -180,4 +179,4 @@ def test_the_robot_arrives_by_measurements_a_sample_late(root, tmp_path):
     mask = solution.mask.reshape(solution.grid.size, count, -1)[:, solution.first]
     about = context.plant.sampled, solution.grid, context.input_set, gap.kernel(), sets, mask
     some = rng.choice(np.flatnonzero(moving), 10)
-    check(*about, margins, some, 3, np.arange(count), solution.first, None, sensing.error)
+    check(*about, margins, some, np.arange(count), solution.first, None, sensing.error)

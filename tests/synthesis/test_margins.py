@@ -10,7 +10,7 @@ import pytest
 from simgap.geometry import Box, Grid
 from simgap.plants.context import Context
 from simgap.stages.synthesis import pose_problem
-from simgap.synthesis.abstraction.nominal import nominal_abstraction
+from simgap.synthesis.abstraction.cells import nominal_abstraction
 from simgap.synthesis.games.invariance import invariance
 from simgap.synthesis.games.reach import reach_avoid
 from simgap.synthesis.margins import (
@@ -76,20 +76,13 @@ def measured(grid, k, reach):
     return [int(np.ravel_multi_index(y, sizes)) for y in itertools.product(*near)]
 
 
-def check(model, grid, inputs, gap, winning, mask, found, cells, n, kind=None, acting=None, reach=None, error=0.0):
+def check(model, grid, inputs, gap, winning, mask, found, cells, kind=None, acting=None, reach=None, error=0.0):
     about = {"kind": kind, "acting": acting, "reach": reach, "error": error}
     for cell in cells:
-        at = (model, grid, inputs, gap, winning, mask, cell)
-        factor, extra = float(found.factor[cell]), found.extra[cell].astype(float)
+        at, factor = (model, grid, inputs, gap, winning, mask, cell), float(found.factor[cell])
         assert within(*at, 1.0 + (factor - 1.0) * (1 - 1e-6) - 1e-6, **about)
         if factor < LARGEST_FACTOR * 0.999:
             assert not within(*at, 1.0 + (factor - 1.0) * (1 + 4.5e-3) + 3e-6, **about)
-        for i in range(n):
-            width, only = 2 * grid.h[i] * grid.cells[i], np.arange(n) == i
-            assert within(*at, 1.0, only * (extra[i] * (1 - 1e-6) - 1e-9 * width), **about)
-            more = extra[i] * (1 + 4.5e-3) + 3e-9 * width
-            if more < width:
-                assert not within(*at, 1.0, only * more, **about)
 
 
 def test_the_margins_of_the_pendulum_are_those_of_the_definition():
@@ -100,7 +93,7 @@ def test_the_margins_of_the_pendulum_are_those_of_the_definition():
     assert np.array_equal(~np.isnan(found.factor), won.winning)
     assert (found.factor[won.winning] >= 1.0).all()
     cells = np.random.default_rng(1).choice(np.flatnonzero(won.winning), 40)
-    check(model, grid, inputs, gap, won.winning, won.mask, found, cells, 2)
+    check(model, grid, inputs, gap, won.winning, won.mask, found, cells)
 
 
 @pytest.mark.parametrize("gap_axes", [None, (2,)])
@@ -117,7 +110,7 @@ def test_the_margins_of_a_robot_are_those_of_the_definition(gap_axes):
     found = one_step_margins(model, grid, inputs, gap, won.winning, won.mask, gap_axes)
     assert np.array_equal(~np.isnan(found.factor), won.winning & ~target)
     cells = np.random.default_rng(2).choice(np.flatnonzero(won.winning & ~target), 40)
-    check(model, grid, inputs, gap, won.winning, won.mask, found, cells, 3)
+    check(model, grid, inputs, gap, won.winning, won.mask, found, cells)
 
 
 def test_a_gap_without_width_has_no_factor_that_matters():
@@ -148,13 +141,12 @@ def test_margins_after_an_input_of_a_class_are_those_of_the_definition():
         assert np.array_equal(~np.isnan(found.factor), moving)
         assert (found.factor[moving] >= 1.0).all()
         cells = np.random.default_rng(3).choice(np.flatnonzero(moving), 30)
-        check(model, grid, inputs, gap, sets, mask, found, cells, 3, kind)
+        check(model, grid, inputs, gap, sets, mask, found, cells, kind)
         layers = shown_layers(8, 3)
         assert layers.tolist() == [0, 2, 5]
         looked_at = np.isin(np.arange(grid.size) % 8, layers)
         some = one_step_margins(model, grid, inputs, gap, own & looked_at, mask, (2,), None, Remembered(sets, kind))
         assert np.array_equal(some.factor, np.where(looked_at, found.factor, np.nan), equal_nan=True)
-        assert np.array_equal(some.extra, np.where(looked_at[:, None], found.extra, np.nan), equal_nan=True)
 
 
 def test_what_losing_cells_lose_by_is_that_of_the_definition():
@@ -213,7 +205,7 @@ def test_margins_of_true_cells_are_the_least_over_their_measurements(acting):
         kept = [bool(inside[c]) and within(*about, c, kind=kind, acting=acting, reach=reach) for c in range(grid.size)]
         assert np.array_equal(~np.isnan(found.factor), kept), seed
         cells = rng.permutation(np.flatnonzero(kept))[:3]
-        check(model, grid, inputs, gap, sets, mask, found, cells, 2, kind, acting, reach)
+        check(model, grid, inputs, gap, sets, mask, found, cells, kind, acting, reach)
         checked, lost = checked + len(cells), lost + int(inside.sum()) - sum(kept)
     assert min(checked, lost) > 100
 
@@ -242,7 +234,7 @@ def test_margins_of_a_task_are_those_of_the_states_that_follow_its_letters(vary,
     for state in np.unique(following[begins]):
         sets = nodes[:, [state]]
         about = (model, grid, context.input_set, gap, sets)
-        check(*about, mask, found, rng.permutation(np.flatnonzero(begins & (following == state)))[:15], 2, zeros)
+        check(*about, mask, found, rng.permutation(np.flatnonzero(begins & (following == state)))[:15], zeros)
         for cell in np.flatnonzero((found.loses_by == GAMMA) & (following == state))[:15]:
             every, factor = np.full_like(mask, 255), float(found.factor[cell])
             assert within(*about, every, cell, factor * (1 - 1e-6), kind=zeros)

@@ -1,4 +1,4 @@
-"""The search for a margin asks about fewer sizes than there are on its way, and finds the same."""
+"""The search for a margin finds what the same search finds with every question answered from the definition."""
 
 import numpy as np
 import pytest
@@ -46,7 +46,7 @@ def by_asking(cells, lo, hi, by, best, most):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_guess_changes_nothing_but_the_work(seed):
+def test_the_largest_growth_is_that_of_the_definition(seed):
     rng = np.random.default_rng(seed)
     cells = rng.random((40, 30)) > 0.004
     shape = layout(GRID.cells, GRID.periodic)
@@ -61,7 +61,6 @@ def test_a_guess_changes_nothing_but_the_work(seed):
             continue  # an earlier input's best says nothing of this box
         expected = by_asking(cells, lo, hi, by, best, most)
         found.add(expected)
-        for guess in (-1.0, 0.0, 1e-12, expected, expected * 1.03, expected / 1.4, 50.0, 1e12, np.inf, np.nan):
-            own = _largest(shape, 2, tables, 0, lo, hi, by, best, most, guess, header, np.empty(4, np.int64))
-            assert own == expected
+        own = _largest(shape, 2, tables, 0, lo, hi, by, best, most, header, np.empty(4, np.int64))
+        assert own == expected
     assert len(found) > 50

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from simgap.extras.wizard.dry_friction_guess import blocks_along, rubbing
 from simgap.extras.wizard.posture import posture_of
+from simgap.extras.wizard.proposal import blocks_along, rubbing
 from simgap.model.symbolic import Coordinate, SymbolicModel, Variable, symbol
 
 MASS, FRICTION, TAU = 2.0, 0.6, 0.1

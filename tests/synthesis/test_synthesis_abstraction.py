@@ -14,8 +14,8 @@ from simgap.geometry import Box, Grid
 from simgap.model.sampled import NominalModel
 from simgap.specifications.invariance import Invariance
 from simgap.specifications.space import Space
-from simgap.synthesis.abstraction import nominal
-from simgap.synthesis.abstraction.nominal import nominal_abstraction
+from simgap.synthesis.abstraction import cells as abstraction
+from simgap.synthesis.abstraction.cells import nominal_abstraction
 from simgap.synthesis.games import nodes
 from simgap.synthesis.games.game import NodeGame
 from simgap.synthesis.games.invariance import invariance
@@ -143,7 +143,7 @@ def test_tables_and_direct_evaluation_agree(gap, monkeypatch):
     tables = nominal_abstraction(model, grid, inputs, kernel, () if axes is None else axes).boxes(cells)
     only_small_tables(monkeypatch)
     mixed = nominal_abstraction(model, grid, inputs, kernel, None).boxes(cells)
-    monkeypatch.setattr("simgap.synthesis.abstraction.nominal._fits", lambda *_: False)
+    monkeypatch.setattr("simgap.synthesis.abstraction.cells._fits", lambda *_: False)
     direct = nominal_abstraction(model, grid, inputs, kernel, None).boxes(cells)
     for other in (mixed, direct):
         assert np.mean(tables != other) < 1e-3  # ties at a cell's face may round differently
@@ -152,9 +152,7 @@ def test_tables_and_direct_evaluation_agree(gap, monkeypatch):
 
 def only_small_tables(monkeypatch):
     """As on a grid too large to tabulate anything that depends on every axis."""
-    monkeypatch.setattr(
-        "simgap.synthesis.abstraction.nominal._fits", lambda grid, inputs, axes: max(map(len, axes)) < 2
-    )
+    monkeypatch.setattr("simgap.synthesis.abstraction.cells._fits", lambda grid, inputs, axes: max(map(len, axes)) < 2)
 
 
 def test_bounding_the_gap_over_groups_of_cells_changes_no_result(monkeypatch):
@@ -196,7 +194,7 @@ def test_a_winning_cell_has_an_input_whose_box_stays_winning(cells):
 def test_boxes_that_are_kept_are_those_that_are_made_again_at_every_level(name, monkeypatch):
     model, inputs, region, periodic = plant(name)
     grid = Grid(region, (61, 46), periodic)
-    monkeypatch.setattr(nominal, "_fits", lambda *of: False)
+    monkeypatch.setattr(abstraction, "_fits", lambda *of: False)
     a = nominal_abstraction(model, grid, inputs)
     target = (np.abs(grid.centres()) < 0.4 * region.hi).all(axis=1)
     kept = reach_avoid(a, target, np.ones(grid.size, bool), by_rows=False)

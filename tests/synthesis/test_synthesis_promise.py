@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from simgap.geometry import Box, Grid
 from simgap.model.sampled import NominalModel
-from simgap.synthesis.abstraction.nominal import nominal_abstraction
+from simgap.synthesis.abstraction.cells import nominal_abstraction
 from simgap.synthesis.games.invariance import invariance
 from simgap.synthesis.games.reach import reach_avoid
 from simgap.synthesis.input_sets import unpack

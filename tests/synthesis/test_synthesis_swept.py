@@ -14,8 +14,8 @@ from simgap.io.results import read_json, write_json
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.stages.synthesis import pose_problem
+from simgap.synthesis.abstraction.cells import nominal_abstraction
 from simgap.synthesis.abstraction.intersample import SweptCells, planar_swept_cells
-from simgap.synthesis.abstraction.nominal import nominal_abstraction
 from simgap.synthesis.games.reach import reach_avoid
 from simgap.synthesis.input_sets import unpack
 from tests.synthesis import synthesis_oracle as oracle

@@ -5,9 +5,8 @@ What a URDF cannot say of a joint, its armature and its spring, is handed back a
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -17,10 +16,20 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.effects import joint_effect
 from simgap.errors import UserError, excerpt
-from simgap.extras.wizard.joints import named_joints
+from simgap.extras.wizard.model_file import (
+    Asked,
+    NewModel,
+    check_base,
+    check_positions,
+    named_joints,
+    origin_of,
+    write_model,
+)
+from simgap.io.atomic import write_text
 from simgap.io.urdf_file import write_inertial
 from simgap.late import scipy
 from simgap.model.tree import moved
+from simgap.plants.model_file import base_of
 from simgap.plants.urdf_checks import loading
 from simgap.simulators import mjcf
 from simgap.simulators.findings import most_force, motors_of
@@ -33,55 +42,39 @@ _SAME, _LEVEL = 1e-6, 1e-4
 """Relative difference of mass matrices that is rounding, and slope of a gravity that is along -z."""
 
 
-@dataclass(frozen=True, eq=False)
-class Compiled:
-    """A file as MuJoCo compiles it.
-
-    Attributes:
-        robot: bodies and joints as a URDF; the world is a link `world`. driven: joints with an actuator, if any.
-        effects: (name, joint, parameters) of what a URDF cannot say.
-        gravity: along -z, m/s^2; step: of the file, s.
-        alone: the text of the file without what `left_out` names; None if it serves as it is.
-    """
-
-    robot: ElementTree.Element
-    driven: tuple[str, ...] | None
-    effects: tuple[tuple[str, str, Mapping[str, float]], ...]
-    gravity: float
-    step: float
-    alone: str | None
-    left_out: tuple[str, ...]
-
-
-def compiled(path: Path, keep: Collection[str] | None, bolted: bool, at: Mapping[str, float]) -> Compiled:
-    """Read a file, its joints other than `keep` locked: at `at`, or at 0 or the middle of a range without it.
-
-    Args:
-        keep: names of hinges and slides; all if None. bolted: whether free and ball joints are locked.
+def model_of_mjcf(path: Path, asked: Asked) -> NewModel:
+    """A URDF of the bodies as MuJoCo compiles them; the simulator loads the file, or one without what inputs replace.
 
     Raises:
-        UserError: a file that MuJoCo does not take, or what no URDF says: a base that moves freely, several joints of
-            one body, closed chains, tendons, gravity along another axis.
+        UserError: a file that MuJoCo does not take, what no URDF says (a base that moves freely, several joints of one
+            body, closed chains, tendons, gravity along another axis), and as `model_of_urdf`.
     """
     model = mjcf.read_mjcf(path)
     names = [model.joint(k).name for k in range(model.njnt)]
     driven = [n for k, n in enumerate(names) if next(motors_of(model, k), None) is not None]
-    turning = _turning(path, model, names, driven, bolted)
-    named_joints(turning if keep is None else keep, turning, "--joints")
-    named_joints(at or turning, turning, "--at")
-    left = [n for n in turning if keep is None or n in keep]
+    turning = _turning(path, model, names, driven, asked.base == "fixed")
+    left = named_joints(turning if asked.joints is None else asked.joints, turning, "--joints")
+    named_joints(asked.at or turning, turning, "--at")
     whole = len(left) == len(names)
     _check_loops(path, model, left, whole)
-    efforts, own = {n: most_force(model, names.index(n)) for n in left}, tuple(n for n in left if n in driven) or None
-    alone, left_out = None, tuple[str, ...]()
+    efforts = {n: most_force(model, names.index(n)) for n in left}
+    alone, left_out = None, ""
     if not whole or _acting(model):
-        left_out = tuple(_left_out(model, left))
-        model, alone = _alone(path, left, at)
+        left_out = "; ".join(_left_out(model, left))
+        model, alone = _alone(path, left, asked.at)
     gravity = mjcf.gravity_of(model)
     if np.abs(gravity[:2]).max() > _LEVEL * np.abs(gravity[2]):
         raise UserError("its gravity is not along -z", file=path, key="<option> gravity", remedy="Turn the bodies.")
-    robot, down = _robot(path, model, efforts), 0.0 - float(gravity[2])
-    return Compiled(robot, own, tuple(_effects(model)), down, float(model.opt.timestep), alone, left_out)
+    robot, made = _robot(path, model, efforts), asked.beside(".urdf")
+    own = asked.beside(".xml") if alone is not None else path
+    file = replace(write_model(made, robot), driven=tuple(n for n in left if n in driven) or None)
+    check_positions(file.joints, {n: q for n, q in asked.at.items() if n in file.joints})
+    check_base(path, base_of(robot, file.driven, world=False), asked.base)
+    if alone is not None:
+        write_text(own, alone)
+        asked.note(f"{own.name} is {path.name} without {left_out}.")
+    asked.note(f"{made.name} has the bodies as MuJoCo compiles them, for the nominal model.")
+    return NewModel(file, own, tuple(_effects(model)), 0.0 - float(gravity[2]), float(model.opt.timestep))
 
 
 def _turning(path: Path, model: Any, names: Sequence[str], driven: Collection[str], bolted: bool) -> list[str]:
@@ -295,16 +288,3 @@ def _effects(model: Any) -> Iterator[tuple[str, str, Mapping[str, float]]]:
             own = joint_effect(attribute)
             if value > 0.0:
                 yield own.name, model.joint(j).name, {own.parameters[0].symbol: float(value)}
-
-
-def origin_of(place: Floats, turned: scipy.spatial.transform.Rotation) -> ElementTree.Element:
-    """<origin> of a place (3,) in m and a rotation."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # upright, roll and yaw turn about one axis: one of them is 0
-        angles = turned.as_euler("xyz")
-    return ElementTree.Element("origin", {"xyz": written(place), "rpy": written(angles)})
-
-
-def written(values: Floats) -> str:
-    """Numbers as an attribute of a URDF has them."""
-    return " ".join(f"{v:.12g}" for v in np.round(values, 12) + 0.0)

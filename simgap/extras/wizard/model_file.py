@@ -1,4 +1,4 @@
-"""The model file of a new case: the given one, one beside the case with joints locked, or what MuJoCo makes of MJCF.
+"""The model file of a new case: the given one, or one beside the case with joints locked.
 
 A locked joint is a fixed one, turned to where it is locked; what is welded together becomes one link, for the equations
 of an arm hold the parameters of every link that has any.
@@ -7,25 +7,70 @@ of an arm hold the parameters of every link that has any.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree import ElementTree
 
+import numpy as np
+
 from simgap import reading
+from simgap.arrays import Floats
 from simgap.config.named_files import places_of
 from simgap.errors import UserError, excerpt
-from simgap.extras.wizard.joints import centre_of, check_positions, named_joints
-from simgap.extras.wizard.mjcf_as_urdf import compiled, origin_of, written
 from simgap.io.atomic import write_text
 from simgap.io.urdf_file import write_inertial
 from simgap.late import scipy
 from simgap.model.tree import Tree
-from simgap.plants.model_file import FileJoint, ModelFile, base_of, numbers, placed_at, read_model_file
+from simgap.plants.model_file import Base, FileJoint, ModelFile, base_of, numbers, placed_at, read_model_file
 from simgap.plants.urdf import load_tree
 from simgap.plants.urdf_checks import check_bodies, check_structure, check_urdf, inside_folders, root_link
 
 _OF_MOTION = ("axis", "limit", "dynamics", "mimic", "calibration", "safety_controller")
+
+
+SPEED, TAU = 0.5, 0.01
+"""Half-width of X for a velocity, rad/s or m/s, and sampling time, s. Judgement: for a first run of a minute."""
+
+
+def named_joints(names: Collection[str], joints: Collection[str], key: str) -> tuple[str, ...]:
+    """The moving joints of these names, in the order of the file.
+
+    Raises:
+        UserError: no name, or one that is no moving joint's.
+    """
+    unknown = [n for n in names if n not in joints]
+    if unknown or not names:
+        raise UserError(
+            f"there is no moving joint {', '.join(map(repr, unknown))}" if unknown else "no joint is named",
+            key=key, remedy=f"Moving joints: {', '.join(joints)}.",
+        )  # fmt: skip
+    return tuple(n for n in joints if n in names)
+
+
+def check_positions(joints: Mapping[str, FileJoint], at: Mapping[str, float]) -> None:
+    """Refuse a name that is no moving joint's, and a position that the joint does not reach.
+
+    Raises:
+        UserError: either.
+    """
+    if at:
+        named_joints(at, joints, "--at")
+    for name, position in at.items():
+        lower, upper = joints[name].range or (-math.inf, math.inf)
+        if not lower <= position <= upper:
+            raise UserError(
+                f"{name}={position:g} is beyond a stop: the joint goes from {lower:g} to {upper:g}", key="--at",
+                remedy="Give a posture within its limits, or correct <limit> in the URDF.",
+            )  # fmt: skip
+
+
+def centre_of(joint: FileJoint) -> float:
+    """Position at which a joint is looked at unless given: 0, or the middle of a range that has no room about 0."""
+    if joint.range is None or joint.range[0] + SPEED * TAU < 0.0 < joint.range[1] - SPEED * TAU:
+        return 0.0
+    return 0.5 * (joint.range[0] + joint.range[1])
 
 
 def lock(robot: ElementTree.Element, joints: Collection[str], at: Mapping[str, float]) -> None:
@@ -66,6 +111,19 @@ def composed(robot: ElementTree.Element, tree: Tree, root: str) -> str:
     whole.extend(d for d in drives if {j.get("name", "") for j in d.findall("joint")} <= {*tree.joints})
     ElementTree.indent(whole)
     return ElementTree.tostring(whole, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def origin_of(place: Floats, turned: scipy.spatial.transform.Rotation) -> ElementTree.Element:
+    """<origin> of a place (3,) in m and a rotation."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # upright, roll and yaw turn about one axis: one of them is 0
+        angles = turned.as_euler("xyz")
+    return ElementTree.Element("origin", {"xyz": written(place), "rpy": written(angles)})
+
+
+def written(values: Floats) -> str:
+    """Numbers as an attribute of a URDF has them."""
+    return " ".join(f"{v:.12g}" for v in np.round(values, 12) + 0.0)
 
 
 def refuse_coupled(path: Path, joints: Mapping[str, FileJoint], keep: Collection[str]) -> None:
@@ -157,7 +215,7 @@ class NewModel:
     step: float | None = None
 
 
-def model_of_urdf(path: Path, asked: Asked, note: Callable[[str], None]) -> NewModel:
+def model_of_urdf(path: Path, asked: Asked) -> NewModel:
     """The file itself, or a copy in which joints are locked, and meshes that nothing finds are left out.
 
     Raises:
@@ -167,8 +225,7 @@ def model_of_urdf(path: Path, asked: Asked, note: Callable[[str], None]) -> NewM
     file, robot = read_model_file(path, check_structure), reading.read_xml(path)
     check_positions(file.joints, asked.at)
     keep = _kept(path, file.joints, asked)
-    standing = base_of(robot, file.driven)
-    _check_base(path, standing.kind, standing.words, asked.base)
+    check_base(path, base_of(robot, file.driven), asked.base)
     refuse_coupled(path, file.joints, keep)
     locked = [n for n in file.joints if n not in keep]
     check_bodies(path, locked)  # of what the case has: of what is welded together engines see the whole
@@ -180,37 +237,17 @@ def model_of_urdf(path: Path, asked: Asked, note: Callable[[str], None]) -> NewM
     places = {n: asked.at.get(n, centre_of(joint)) for n, joint in file.joints.items()}
     made = asked.beside(".urdf")
     lock(robot, locked, places)
-    _write(made, robot)
     if locked:
-        note(f"{made.name} has the other joints locked: {', '.join(f'{n} at {places[n]:.4g}' for n in locked)}.")
+        asked.note(f"{made.name} has the other joints locked: {', '.join(f'{n} at {places[n]:.4g}' for n in locked)}.")
     else:
-        note(f"{made.name} has no shapes: {excerpt(absent[0], 60)} is missing, and shapes do not enter the motion.")
-    return NewModel(read_model_file(made))
+        asked.note(
+            f"{made.name} has no shapes: {excerpt(absent[0], 60)} is missing, and shapes do not enter the motion."
+        )
+    return NewModel(write_model(made, robot))
 
 
-def model_of_mjcf(path: Path, asked: Asked, note: Callable[[str], None]) -> NewModel:
-    """A URDF of the bodies of an MJCF file, which the simulator loads itself, or without what the inputs replace.
-
-    Raises:
-        UserError: what `mjcf_as_urdf.compiled` refuses, and as `model_of_urdf`.
-    """
-    found = compiled(path, asked.joints, asked.base == "fixed", asked.at)
-    made = asked.beside(".urdf")
-    alone = asked.beside(".xml") if found.alone is not None else None
-    _write(made, found.robot)
-    file = replace(read_model_file(made), driven=found.driven)
-    check_positions(file.joints, {n: q for n, q in asked.at.items() if n in file.joints})
-    standing = base_of(found.robot, file.driven, world=False)
-    _check_base(path, standing.kind, standing.words, asked.base)
-    if alone is not None:
-        write_text(alone, found.alone or "")
-        note(f"{alone.name} is {path.name} without {'; '.join(found.left_out)}.")
-    note(f"{made.name} has the bodies as MuJoCo compiles them, for the nominal model.")
-    return NewModel(file, alone or path, found.effects, found.gravity, found.step)
-
-
-def _write(made: Path, robot: ElementTree.Element) -> None:
-    """A URDF of its own; Drake composes what is welded together.
+def write_model(made: Path, robot: ElementTree.Element) -> ModelFile:
+    """The robot in a URDF of its own; Drake composes what is welded together.
 
     Raises:
         UserError: one that Drake does not take.
@@ -218,17 +255,19 @@ def _write(made: Path, robot: ElementTree.Element) -> None:
     write_text(made, ElementTree.tostring(robot, encoding="unicode"))
     write_text(made, composed(robot, load_tree(made), root_link(made)))
     check_urdf(made)
+    return read_model_file(made)
 
 
-def _check_base(path: Path, kind: str, words: str, base: str | None) -> None:
+def check_base(path: Path, standing: Base, base: str | None) -> None:
+    """Refuse a file of which neither it nor a person says what its base is."""
     if base == "wheels":
         raise UserError(
             "no two driven wheels are seen: `continuous` joints of one link about one horizontal axis, at mirrored "
             "places, each with a round collision shape", file=path, key="--base", remedy="Write equations for others.",
         )  # fmt: skip
-    if kind != "fixed" and base is None:
+    if standing.kind != "fixed" and base is None:
         raise UserError(
-            f"{words}, and the file does not say whether its base is fixed", file=path, key="--base",
+            f"{standing.words}, and the file does not say whether its base is fixed", file=path, key="--base",
             remedy="--base fixed bolts it to the world, as on a stand; for a base that moves, write equations "
             "(simgap new NAME --equations).",
         )  # fmt: skip

@@ -11,8 +11,7 @@ from pathlib import Path
 from simgap.config.case import Case
 from simgap.errors import UserError
 from simgap.extras.wizard.driven_arm import Proposal, rounded
-from simgap.extras.wizard.dry_friction_guess import blocks_along
-from simgap.extras.wizard.proposal import SECONDS, WINS, propose
+from simgap.extras.wizard.proposal import SECONDS, WINS, blocks_along, propose
 from simgap.io.pages import text
 from simgap.notation import joined
 from simgap.plants.context import Context

@@ -131,41 +131,24 @@ LOST = {GAMMA: "#F3B49F", CELLS: "#E3CDE0", AROUND: "#E4E6EA", BESIDE: "#BFE3D4"
 REACHED = 1e-5  # a margin this near to the largest that is looked for is that one: margins are rounded down
 
 
-def margins_figure(
-    grid: Grid, factor: Floats, extra: Floats, loses_by: Ints, states: Sequence[str], units: Mapping[str, str]
-) -> Any:
-    """Margins over two states: the common factor, and what may be added to each state alone.
+def margins_figure(grid: Grid, factor: Floats, loses_by: Ints, states: Sequence[str], units: Mapping[str, str]) -> Any:
+    """The factor (cells,) over two states or, of three, over the first two at `SLICES` values of the third, with any.
 
-    Args:
-        grid: cells; factor: (cells,), extra: (cells, 2): drawn where a cell wins.
-        loses_by: (cells,) what others lose by.
-        states, units: names and units.
+    Cells that lose have the colour of what they lose by, `loses_by` (cells,).
     """
-    titles = ["factor on gamma", *(f"added to {n} alone ({pretty_unit(units.get(n, ''))})" for n in states)]
-    figure, (axes,) = style.panels(1, 3, 4.4, 1.4 * style.WIDTH, sharex=True, sharey=True)
-    most = (LARGEST_FACTOR, *(2.0 * grid.h * grid.cells).tolist())
     won = np.where(factor >= 1.0, factor, np.nan)
-    for axis, title, values, end in zip(axes, titles, (won, *extra.T), most, strict=True):
-        scale = _scale(values)
-        picture = cell_map(axis, grid, _cut(values.reshape(grid.cells), scale), cmap=MAP, norm=scale)
-        axis.set_title(title)
-        axis.set_xlabel(axis_label(states[0], units))
-        _ends(figure.colorbar(picture, ax=axis, orientation="horizontal", shrink=0.95), values, end)
-    _causes(axes[:1], [loses_by.reshape(grid.cells)], grid, figure)
-    axes[0].set_ylabel(axis_label(states[1], units))
-    return figure
-
-
-def margin_slices_figure(
-    grid: Grid, factor: Floats, loses_by: Ints, states: Sequence[str], units: Mapping[str, str]
-) -> Any:
-    """The common factor (cells,) over the first two states at `SLICES` values of the third, those with any."""
-    won = np.where(factor >= 1.0, factor, np.nan)
-    shown, scale = won.reshape(grid.cells), _scale(won)
-    layers = [k for k in shown_layers(grid.cells[2], SLICES) if np.isfinite(shown[:, :, k]).any()] or [0]
-    look = {"aspect": "equal", "cmap": MAP, "norm": scale}
-    figure, bar = layer_maps(grid, _cut(shown, scale), layers, (states, units), FACTOR, **look)
-    _causes(figure.axes[: len(layers)], [loses_by.reshape(grid.cells)[:, :, k] for k in layers], grid, figure)
+    values, causes, scale = won.reshape(grid.cells), loses_by.reshape(grid.cells), _scale(won)
+    if len(states) == 2:
+        figure, ((axis,),) = style.panels(1, 1, 4.4)
+        picture = cell_map(axis, grid, _cut(values, scale), cmap=MAP, norm=scale)
+        axis.set(xlabel=axis_label(states[0], units), ylabel=axis_label(states[1], units))
+        bar, maps = figure.colorbar(picture, ax=axis, label=FACTOR), [causes]
+    else:
+        layers = [k for k in shown_layers(grid.cells[2], SLICES) if np.isfinite(values[:, :, k]).any()] or [0]
+        look = {"aspect": "equal", "cmap": MAP, "norm": scale}
+        figure, bar = layer_maps(grid, _cut(values, scale), layers, (states, units), FACTOR, **look)
+        maps = [causes[:, :, k] for k in layers]
+    _causes(figure.axes[: len(maps)], maps, grid, figure)
     _ends(bar, won, LARGEST_FACTOR)
     return figure
 
@@ -198,15 +181,11 @@ def _ends(bar: Any, values: Floats, most: float) -> None:
     low, high = bar.norm.vmin, bar.norm.vmax
     known = values[values > 0]
     ticks = {float(tick): number(float(tick), 3) for tick in bar.get_ticks() if low < tick < high}
-    row = "\n" if bar.orientation == "horizontal" else ""  # the ends have a row of their own, below the other ticks
     if len(known) and known.max() >= most * (1.0 - REACHED):
-        ticks[high] = f"{row}\u2265 {number(float(high), 3)}"
+        ticks[high] = f"\u2265 {number(float(high), 3)}"
     if len(known) and known.min() < low:
-        ticks[low] = f"{row}\u2264 {low:.3g}"
+        ticks[low] = f"\u2264 {low:.3g}"
     bar.set_ticks(list(ticks), labels=list(ticks.values()))
-    if row:  # what stands at an end stays beside its own bar
-        for label, tick in zip(bar.ax.get_xticklabels(), ticks, strict=True):
-            label.set_ha("left" if tick == low else "right" if tick == high else "center")
 
 
 def _cut(values: Floats, scale: Any) -> Any:

@@ -135,8 +135,11 @@ class NodeGame:
         )
 
     def certain(self, cells: Bools) -> Bools:
-        """Cells (cells,) of which every measurement is in one of the given cells."""
-        return certified(cells, self.grid, self.error)
+        """Cells (cells,) of which every measurement is in one of the given cells; one beyond the grid is in none."""
+        margin = margins(self.grid, self.error)
+        larger = padded(self.grid, margin)
+        inside = embed(cells.astype(np.uint64)[:, None], self.grid, larger, 0)
+        return crop(window_and(inside, larger, margin), self.grid, larger)[:, 0] == 1
 
     def invariant(self, safe: Bools) -> Solution:
         """The largest set of nodes of the safe cells (cells,) that can be held, by what is measured of them.
@@ -225,7 +228,7 @@ class NodeGame:
     def _on_measurements(self, words: Words, outside: Any) -> Words:
         """Words of cells (cells, k) on the cells that may be measured, which are more by the margin."""
         larger = padded(self.grid, self._margin)
-        return embed(words, self.grid, larger, np.full(words.shape[1], outside, np.uint64))
+        return embed(words, self.grid, larger, outside)
 
     def _flags(self, values: Bools) -> Bools:
         """Flags of cells on the cells that may be measured."""
@@ -249,19 +252,6 @@ def one_input_only(what: str) -> UserError:
     return UserError(
         f"one input a cell cannot be recorded for {what}", key="synthesis.record", remedy="Set it to `all`."
     )
-
-
-def certified(winning: Bools, grid: Grid, error: Floats) -> Bools:
-    """True cells whose every measurement is in a winning cell (cells,); one beyond the grid is in none.
-
-    Args:
-        winning: measured cells, (cells,); grid: of both.
-        error: bound of |measured - true|, (nx,).
-    """
-    margin = margins(grid, error)
-    larger = padded(grid, margin)
-    inside = embed(winning.astype(np.uint64)[:, None], grid, larger, np.zeros(1, np.uint64))
-    return crop(window_and(inside, larger, margin), grid, larger)[:, 0] == 1
 
 
 @dataclass(frozen=True, eq=False)
