@@ -272,6 +272,9 @@ class RemainderUse:
     near_rest: NearRest | None = None
 
 
+NO_GAP = "the case has no `gap:` section"
+
+
 def use_of(remainder: Remainder | None, verdict: str, rig: str, has_gap: bool, has_hidden_state: bool) -> RemainderUse:
     """Decide what the corrected case does with the remainder.
 
@@ -286,7 +289,7 @@ def use_of(remainder: Remainder | None, verdict: str, rig: str, has_gap: bool, h
         (verdict != "partial", "a remainder is added only where the verdict is 'partial'"),
         (rig == "simulator", "the recordings are of the case's own simulator, whose gap is measured there"),
         (has_hidden_state, "the bound of a simulator with hidden state does not take measured remainders in"),
-        (not has_gap, "the case has no `gap:` section"),
+        (not has_gap, NO_GAP),
         (not finite, "too few transitions were held out"),
     )
     for stands, reason in obstacles:

@@ -30,7 +30,7 @@ from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.simulation.noise_law import LIMIT
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.thresholds import FIT_QUALITY, LEAPS_ANYHOW, MATTERS
+from simgap.diagnosis.thresholds import FIT_QUALITY, LEAPS_ANYHOW, MATTERS, PLAUSIBLE_RATIO
 from simgap.diagnosis.verdict.answer import (
     alternatives,
     applied,
@@ -47,7 +47,7 @@ from simgap.diagnosis.verdict.answer import (
 from simgap.diagnosis.verdict.faults import extrapolated, faint_memory, noise_faults, push_faults
 from simgap.diagnosis.verdict.held_out import HeldOut, concentrated, excess_share, judge, judged
 from simgap.diagnosis.verdict.score import Errors, Gain, gained
-from simgap.diagnosis.verdict.sets import folds_agree, slight
+from simgap.diagnosis.verdict.sets import folds_agree, plausible, slight
 from simgap.model.symbolic import SymbolicModel
 
 
@@ -214,6 +214,11 @@ def nearest(
         ),
         (not evidence.agree, "halves of the data give different numbers"),
         (not found.physical, "the numbers are not physical"),
+        (
+            not (at_floor or plausible(found)),
+            f"a ratio that is not between 1/{PLAUSIBLE_RATIO:g} and {PLAUSIBLE_RATIO:g} is rather a wrong unit: "
+            "compare the units of the columns and of the case",
+        ),
         (not found.fit.converged, "the fit had not converged"),
         (all(c.of_recording for c in found.members), "it is a fault of the recording, and more than noise is left"),
     )
@@ -337,6 +342,5 @@ def verdict(found: Explanation, evidence: Evidence) -> Verdict:
         return "attributed" if plant else "none"
     if not plant:
         return "unexplained"
-    return (
-        "partial" if evidence.gain.sure and evidence.borne_out and found.physical and evidence.agree else "unexplained"
-    )
+    carries = evidence.gain.sure and evidence.borne_out and found.physical and evidence.agree and plausible(found)
+    return "partial" if carries else "unexplained"

@@ -295,7 +295,7 @@ CHOICES = {
     "faint_memory": ([], ["q"]),
     "doubts": ([], ["Halves of the data give different numbers."]),
     "concentrated": (None, {"stretches": [AT], "explained_share_without": 0.7, "error_share": 0.9}),
-    "remainder": (None, {"bounded": False, "reason": "the case has no `gap:` section"}),
+    "remainder": (None, {"bounded": False, "reason": "the case has no `gap:` section", "asked": False}),
 }
 
 

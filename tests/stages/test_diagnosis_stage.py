@@ -161,7 +161,7 @@ ON_HARDWARE, IN_SIMULATOR = "measured: {rig: hardware}\n", "measured: {rig: simu
     ("more", "bounded", "reason"),
     [
         (GAP + ON_HARDWARE, True, "its one-step part is bounded into gamma"),
-        (ON_HARDWARE, False, "it is not bounded into gamma: the case has no `gap:` section"),
+        (ON_HARDWARE, False, "for which no explanation in the library was found."),
         (GAP + IN_SIMULATOR, False, "it is not bounded into gamma: the recordings are of the case's own"),
         (
             GAP + ON_HARDWARE + "hidden_state: {previous: {u: 3}}\n",

@@ -170,8 +170,7 @@ def _looks(record: Record, model: SymbolicModel, sigma: Floats, quantum: Floats)
 
 def _excitation(record: Record, model: SymbolicModel) -> Iterator[str]:
     for k, name in enumerate(record.inputs):
-        spread = max(float(np.ptp(trace.u[:, k])) for trace in record.traces)
-        if spread <= 1e-9:
+        if float(np.ptp(np.concatenate([trace.u[:, k] for trace in record.traces]))) <= 1e-9:
             yield (
                 f"input {name} is constant: its gain, bias, delay and dead zone cannot be identified; "
                 "change it within the record, as a sum of sines or in steps that the plant has time to answer"

@@ -219,6 +219,6 @@ def _mistaken(unit: str) -> list[tuple[str, float]]:
     return {
         "rad": [("degrees", np.pi / 180), ("turns", 2 * np.pi), *_THOUSANDS],
         "rad/s": [("degrees a second", np.pi / 180), ("turns a minute", np.pi / 30), *_THOUSANDS],
-        "m": [("millimetres", 1e-3), ("kilometres", 1e3)],
-        "m/s": [("millimetres a second", 1e-3), ("kilometres a second", 1e3)],
+        "m": [("millimetres", 1e-3), ("metres that were read as millimetres", 1e3)],
+        "m/s": [("millimetres a second", 1e-3), ("metres a second that were read as millimetres a second", 1e3)],
     }.get(unit, list(_THOUSANDS))

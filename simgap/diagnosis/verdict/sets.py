@@ -172,8 +172,9 @@ def _takes_most(search: Search, e: Explanation) -> bool:
     return bool(smaller) and e.fit.chi2 < MOST * smaller[0].fit.chi2
 
 
-def _plausible(e: Explanation) -> bool:
-    """Whether no ratio of true to declared is beyond belief: such a fit bends the model to a force that it lacks."""
+def plausible(e: Explanation) -> bool:
+    """Whether no ratio of true to declared is beyond belief: off the noise floor such a fit bends the model to a force
+    that it lacks, or a column is in another unit."""
     values = [(p, e.fit.theta[k]) for c in e.members for p, k in zip(c.effect.parameters, c.slots, strict=True)]
     ratios = [v for p, v in values if p.symbol == "ratio" and p.null == 1.0]
     return all(1.0 / PLAUSIBLE_RATIO <= abs(r) <= PLAUSIBLE_RATIO for r in ratios)
@@ -203,7 +204,8 @@ def transferable(
 ) -> Carried | None:
     """Of the best sets by BIC the smallest of those that no other surely predicts better than; None if all vanish.
 
-    Sets whose coefficients agree between halves of the data come first.
+    Sets whose coefficients agree between halves of the data come first; one with a ratio beyond belief is taken where
+    no other predicts as well.
 
     Args:
         search, base, best: what was sought, the model as declared, the best set on it.
@@ -219,7 +221,7 @@ def transferable(
             fit_larger(wider, wider.sound(size)[:WIDTH], size + 1)
     pool = [
         e for size in range(1, largest + 1) for e in wider.sound(size)[:WIDTH]
-        if e.fit.converged and _plausible(e) and not vanished(search, e, False)
+        if e.fit.converged and not vanished(search, e, False)
         and (size <= most or _takes_most(wider, e))
     ]  # fmt: skip
     if not pool:
@@ -229,7 +231,8 @@ def transferable(
     steady = [k for k, e in enumerate(pool, 1) if folds_agree(search.problem, e, search.steps, worth)]
     sets = [wider.empty(base), *pool]
     counts, bic, among = [e.count for e in sets], [e.bic for e in sets], steady or range(1, len(sets))
-    first, *others = preferred_of(densities, counts, bic, among)
+    level = preferred_of(densities, counts, bic, among)
+    first, *others = sorted(level, key=lambda k: not plausible(sets[k]))
     rivals = [sets[k] for k in others if steady and not sets[first].keys < sets[k].keys]
     predicted = density_of_choice(densities, counts, bic, among)
     return Carried(wider, sets[first], tuple(rivals), bool(steady), densities[0], predicted)

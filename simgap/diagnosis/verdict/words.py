@@ -154,7 +154,7 @@ def _covered(remainder: Mapping[str, Any] | None) -> str:
         left = 100.0 * remainder["confidence"]
         few = f", with a confidence of {left:.0f} %" if remainder["confidence"] < remainder["level"] else ""
         return f"; its one-step part is bounded into gamma{few}"
-    return f"; it is not bounded into gamma: {remainder['reason']}"
+    return f"; it is not bounded into gamma: {remainder['reason']}" if remainder["asked"] else ""
 
 
 def _of(document: Document, state: str) -> str:
