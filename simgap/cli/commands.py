@@ -1,6 +1,6 @@
 """Every subcommand: its group in `--help`, what it does, and the function behind it, imported when it is called.
 
-The options of a stage are those of its function (`simgap.stages.arguments`); what a command adds is the log.
+The options of a stage are those of its function (`simgap.stages`); what a command adds is the log.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typer.main import get_command_from_info
 from typer.models import CommandInfo
 
 from simgap.cli.terminal import Log, new_file, new_folder, say, start_log
-from simgap.stages.arguments import Argument
+from simgap.stages import Argument
 
 SNAKEMAKE = {"allow_extra_args": True, "ignore_unknown_options": True}
 _STAGES = "simgap.stages"

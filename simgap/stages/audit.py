@@ -41,8 +41,7 @@ from simgap.plants.context import Context
 from simgap.simulators.process import engine_pool
 from simgap.simulators.rollouts import make_simulator
 from simgap.specifications.solution import Solution
-from simgap.stages import log
-from simgap.stages.arguments import CasePath, Gap, HowMany, Option, Out, Shards, Workers
+from simgap.stages import CasePath, Gap, HowMany, Option, Out, Shards, Workers, log
 from simgap.stages.gap_inputs import read_samples
 from simgap.stages.validation import tolerated_share
 from simgap.synthesis.margins import CAUSES, LARGEST_FACTOR, NOTHING, Margins, margins_of

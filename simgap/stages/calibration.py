@@ -6,7 +6,7 @@ from pathlib import Path
 
 from simgap.errors import UserError
 from simgap.plants.context import Context
-from simgap.stages.arguments import CasePath, Out, Workers
+from simgap.stages import CasePath, Out, Workers
 from simgap.stages.fresh import Draw, random_samples
 
 

@@ -10,8 +10,7 @@ from typing import Annotated
 from simgap.gap.checked_bound import Made, gap, seeds
 from simgap.io.results import table, write_json, write_parquet
 from simgap.plants.context import Context
-from simgap.stages import log
-from simgap.stages.arguments import Borders, CasePath, Grid, Option, Out, Shards
+from simgap.stages import Borders, CasePath, Grid, Option, Out, Shards, log
 from simgap.stages.gap_inputs import Rolled, blame_shards, points_of_case, read_dimensions, read_samples
 
 

@@ -24,8 +24,7 @@ from simgap.report.content import content, summary
 from simgap.report.explorer import explored_runs
 from simgap.report.material import Corrected, Material
 from simgap.report.measured_share import share_inside
-from simgap.stages import log
-from simgap.stages.arguments import CasePath, GapAwareController, NominalController, Option, Out, Traces
+from simgap.stages import CasePath, GapAwareController, NominalController, Option, Out, Traces, log
 from simgap.stages.gap_inputs import read_result, read_table
 
 TEMPLATE = "report.html.j2"

@@ -28,8 +28,7 @@ from simgap.simulators.commands import acts_at_once
 from simgap.specifications.base import path_aware_baseline, specification_of
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
-from simgap.stages import log
-from simgap.stages.arguments import CasePath, Option, Out
+from simgap.stages import CasePath, Option, Out, log
 from simgap.synthesis.abstraction.intersample import Flow, SweptCells, excursion, flow_of, planar_swept_cells
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.explain import GammaParts, explain

@@ -17,8 +17,7 @@ from simgap.io.traces import SIMULATOR, split
 from simgap.plants.context import Context
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
-from simgap.stages import log
-from simgap.stages.arguments import CasePath, Option, Out, Shards
+from simgap.stages import CasePath, Option, Out, Shards, log
 from simgap.stages.gap_inputs import read_samples, read_table
 
 Steps = tuple[Floats, Floats, Floats]

@@ -29,8 +29,7 @@ from simgap.simulators.process import EnginePool, engine_pool
 from simgap.specifications.base import Run, Verdict, specification_of
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
-from simgap.stages import log
-from simgap.stages.arguments import CasePath, Gap, GapAwareController, HowMany, NominalController, Option, Out, Workers
+from simgap.stages import CasePath, Gap, GapAwareController, HowMany, NominalController, Option, Out, Workers, log
 from simgap.synthesis.controller import Controller
 
 CHUNK = 50  # runs a worker does between two signs of life
