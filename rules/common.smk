@@ -7,7 +7,6 @@ from pathlib import Path
 
 from simgap.cache import machine_code
 from simgap.config.load import load_case
-from simgap.config.reads import READS
 from simgap.config.measured import named_recordings
 from simgap.config.run import (
     MARK,
@@ -27,6 +26,7 @@ from simgap.gap.sampling.points import (
 from simgap.io.atomic import host, no_links_below
 from simgap.io.runs import LINKED, RUN, announce, follow_the_run
 from simgap.provenance import (
+    READS,
     code_digest,
     digest,
     file_digest,

@@ -27,7 +27,6 @@ from simgap.attack.worst_step import (
 )
 from simgap.config.case import Case
 from simgap.config.controller import AuditSection, Trials
-from simgap.config.reads import CONTROLLED
 from simgap.errors import BrokenPromise
 from simgap.gap.bounds.function import GapFunction
 from simgap.gap.bounds.load import from_json
@@ -38,6 +37,7 @@ from simgap.io.controller_file import load_controller_of
 from simgap.io.gap_file import SavedGap, load_gap
 from simgap.io.results import table, write_json, write_parquet
 from simgap.plants.context import Context
+from simgap.provenance import CONTROLLED
 from simgap.simulators.process import engine_pool
 from simgap.simulators.rollouts import make_simulator
 from simgap.specifications.solution import Solution

@@ -11,7 +11,6 @@ from typing import Annotated, Any
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.config.reads import CONTROLLED
 from simgap.effects import effect
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bounds.body_frame import BodyFrameGap
@@ -23,6 +22,7 @@ from simgap.lint.costs import affordable, costs
 from simgap.model.integrators import nominal_paths
 from simgap.model.sampled import NominalModel
 from simgap.plants.context import Context, pose_axes
+from simgap.provenance import CONTROLLED
 from simgap.simulators.body_samples import BodySamples
 from simgap.simulators.commands import acts_at_once
 from simgap.specifications.base import path_aware_baseline, specification_of
