@@ -81,7 +81,7 @@ if workflow.is_main_process and kernels is not None and not kernels.is_dir():
 # Snakemake's locks: they go where no run is alive that could hold them.
 RUNNING = []
 if workflow.is_main_process:
-    RUNNING, tidied = announce(Path(), CASES, COMMAND, workflow.snakemake_tmp_dir)
+    RUNNING, tidied = announce(Path(), CASES, COMMAND)
     if tidied:
         sys.stderr.write("simgap: removed the locks of a run that was killed\n")
 for other in RUNNING:
