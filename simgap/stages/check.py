@@ -76,9 +76,7 @@ def run(
     with context.blame():
         tell_user = tell or (lambda words: None)
         if case.domain is not None:
-            first = costs(context)
-            equations.affordable_or_degrees(context, first)  # before anything that would build what is too large
-            tell_user(_outlook(first))
+            equations.affordable_or_degrees(context, costs(context))  # before what is too large would be built
         file = engine.model_file(context)
         of_angles = list(equations.find_degrees(context, file.joints if file is not None else {}))
         tell_user(f"building the nominal model of {len(context.states)} states")
@@ -102,16 +100,6 @@ def run(
     if out is not None:
         write_json(out, {"case": case.name, **asdict(result), "provenance": context.record("check")})
     return result
-
-
-def _outlook(found: list[StageCost]) -> str:
-    """One line about what a run will compute, before anything is built: the largest count and all seconds."""
-    held = [cost for cost in found if not cost.at_most]
-    if not held:
-        return "nothing long to compute"
-    most = max(held, key=lambda cost: cost.seconds)
-    seconds = duration(sum(c.seconds for c in held))
-    return f"about {seconds} of CPU time in all{_at_most(found)}, most of it {most.count:,} {most.of}"
 
 
 def _at_most(found: list[StageCost]) -> str:
