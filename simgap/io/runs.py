@@ -174,7 +174,9 @@ def _one(results: Path, path: Path) -> JobTime:
     try:
         with reading.opened_text(path, newline="") as stream:
             row = list(csv.DictReader(stream, delimiter="\t"))[-1]
-        wall, cpu, memory = (_number(row[key]) for key in ("s", "cpu_time", "max_rss"))
+        given = (row[key] for key in ("s", "cpu_time", "max_rss"))
+        # - and NA: a job that ended before Snakemake looked
+        wall, cpu, memory = (0.0 if text in ("-", "NA") else float(text) for text in given)
         ended = path.stat().st_mtime
     except (KeyError, IndexError, ValueError, csv.Error) as error:
         remedy = "Delete it and run again."
@@ -183,10 +185,6 @@ def _one(results: Path, path: Path) -> JobTime:
     cpu = cpu if logged is None else logged
     case = path.parents[1].relative_to(results)
     return JobTime(str(case) if case.parts else reading.real(results).name, path.stem, wall, cpu, memory * 2**20, ended)
-
-
-def _number(text: str) -> float:
-    return 0.0 if text in ("-", "NA") else float(text)  # a job that ended before Snakemake looked
 
 
 COST_LINE = "spent %.2f s of CPU time, with its processes"

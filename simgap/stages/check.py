@@ -102,11 +102,6 @@ def run(
     return result
 
 
-def _at_most(found: list[StageCost]) -> str:
-    """Words for what comes on top of a total: stages that usually end earlier than their count says."""
-    return "".join(f" and at most {duration(c.seconds)} more for {c.stage}" for c in found if c.at_most)
-
-
 _PREMISES = {
     engine.BOLTED: " for a base that is bolted to the world",
     controller.ASKS_FOR_NONE: " for a bound without a controller",
@@ -120,8 +115,9 @@ def conclusion(checked: Checked, case: Path) -> str:
     if not held:
         return f"The case is in order{premise}. simgap diagnose {case} takes recordings."
     seconds, most = sum(cost.seconds for cost in held), max(cost.bytes for cost in checked.costs)
+    more = "".join(f" and at most {duration(c.seconds)} more for {c.stage}" for c in checked.costs if c.at_most)
     return (
-        f"The case is in order{premise}. A run takes about {duration(seconds)} of CPU time{_at_most(checked.costs)}, "
+        f"The case is in order{premise}. A run takes about {duration(seconds)} of CPU time{more}, "
         f"and {size(most)}: simgap run {case}"
     )
 
