@@ -17,7 +17,6 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.errors import Finding, UserError
 from simgap.late import sympy as sp
-from simgap.lint.costs import StageCost, affordable
 from simgap.model.sampled import RungeKutta
 from simgap.model.symbolic import kinds, symbol
 from simgap.notation import pretty_unit
@@ -275,21 +274,6 @@ def find_degrees(context: Context, joints: Mapping[str, FileJoint]) -> Iterator[
     """
     if context.case.domain is not None:
         yield from filter(None, (_angle(context, joints, name) for name in context.states))
-
-
-def affordable_or_degrees(context: Context, found: list[StageCost]) -> None:
-    """Hold the costs against the budget; where X looks like degrees, that is the reason to be told.
-
-    Raises:
-        UserError: as `affordable` does.
-    """
-    try:
-        affordable(context, found)
-    except UserError as error:
-        for first in find_degrees(context, {}):
-            problem = f"{first.problem}; as it stands, {error.problem}"
-            raise UserError(problem, key=first.key, remedy=f"{first.remedy}, and then {error.key}.") from None
-        raise
 
 
 def _angle(context: Context, joints: Mapping[str, FileJoint], name: str) -> Finding | None:

@@ -76,7 +76,7 @@ def run(
     with context.blame():
         tell_user = tell or (lambda words: None)
         if case.domain is not None:
-            equations.affordable_or_degrees(context, costs(context))  # before what is too large would be built
+            affordable(context, costs(context))  # before what is too large would be built
         file = engine.model_file(context)
         of_angles = list(equations.find_degrees(context, file.joints if file is not None else {}))
         tell_user(f"building the nominal model of {len(context.states)} states")
@@ -102,22 +102,15 @@ def run(
     return result
 
 
-_PREMISES = {
-    engine.BOLTED: " for a base that is bolted to the world",
-    controller.ASKS_FOR_NONE: " for a bound without a controller",
-}
-
-
 def conclusion(checked: Checked, case: Path) -> str:
     """One line about what follows from a check: what a run will take and how it is begun."""
     held = [cost for cost in checked.costs if not cost.at_most]
-    premise = "".join(words for key, words in _PREMISES.items() if any(f.key == key for f in checked.findings))
     if not held:
-        return f"The case is in order{premise}. simgap diagnose {case} takes recordings."
+        return f"The case is in order. simgap diagnose {case} takes recordings."
     seconds, most = sum(cost.seconds for cost in held), max(cost.bytes for cost in checked.costs)
     more = "".join(f" and at most {duration(c.seconds)} more for {c.stage}" for c in checked.costs if c.at_most)
     return (
-        f"The case is in order{premise}. A run takes about {duration(seconds)} of CPU time{more}, "
+        f"The case is in order. A run takes about {duration(seconds)} of CPU time{more}, "
         f"and {size(most)}: simgap run {case}"
     )
 
