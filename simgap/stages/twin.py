@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -23,16 +22,14 @@ from simgap.stages.gap_inputs import read_samples, read_table
 Steps = tuple[Floats, Floats, Floats]
 
 
-@dataclass(frozen=True)
-class TwinFiles:
-    """Files of samples: roll-outs on the grid, fresh ones, traces of the closed loop (or None)."""
-
-    rollouts: Shards
-    fresh: Annotated[Path, Option("Fresh samples.")]
-    traces: Annotated[Path | None, Option("Traces that the validation kept (Parquet).")] = None
-
-
-def run(case_path: CasePath, given: TwinFiles, out: Out, engine_log: Path | None = None) -> None:
+def run(
+    case_path: CasePath,
+    rollouts: Shards,
+    fresh: Annotated[Path, Option("Fresh samples.")],
+    out: Out,
+    traces: Annotated[Path | None, Option("Traces that the validation kept (Parquet).")] = None,
+    engine_log: Path | None = None,
+) -> None:
     """Take every sample again in the other engine, write and log the largest differences.
 
     Raises:
@@ -49,9 +46,9 @@ def run(case_path: CasePath, given: TwinFiles, out: Out, engine_log: Path | None
             raise UserError(f"{unknown} are not states", key="twin.tolerance", remedy=f"States: {context.states}.")
         other = context.case.model_copy(update={"simulator": section.of})
         parts = {
-            "grid": (_rows(context, path, "rollouts") for path in given.rollouts),
-            "fresh": (_rows(context, path, "fresh") for path in (given.fresh,)),
-            "closed_loop": _loops(context, given.traces) if given.traces is not None else iter(()),
+            "grid": (_rows(context, path, "rollouts") for path in rollouts),
+            "fresh": (_rows(context, path, "fresh") for path in (fresh,)),
+            "closed_loop": _loops(context, traces) if traces is not None else iter(()),
         }
         largest: dict[str, dict[str, Any]] = {
             name: {"difference": 0.0, "unit": context.units[name], "at": {}} for name in context.states
