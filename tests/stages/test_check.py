@@ -15,7 +15,7 @@ from simgap.errors import UserError
 from simgap.io.results import read_parquet
 from simgap.lint import costs, engine, equations
 from simgap.lint.controller import refuse_specification
-from simgap.lint.gap import refuse_basis
+from simgap.lint.gap import find_jumps_at_rest, refuse_basis
 from simgap.model.sampled import NominalModel
 from simgap.plants.context import Context
 from simgap.simulators.base import Simulator
@@ -444,3 +444,31 @@ def test_a_smooth_path_is_bounded_by_how_its_rate_changes(tmp_path):
     shorter = float(str(refused.value).split("Shorten domain.tau to about ")[1].split(" s")[0])
     assert 0.045 < shorter <= 0.0538
     check.run(running_away(tmp_path, 0.045))
+
+
+FRICTION = {"name": "coulomb_friction", "on": "hinge", "parameters": {"F_c": 0.3}}
+LOAD = {"name": "load_friction", "on": "u", "parameters": {"mu": 0.2}}
+
+
+@pytest.mark.parametrize("added", [FRICTION, LOAD])
+def test_dry_friction_that_the_model_lacks_is_told_with_what_it_does_to_the_gap(tmp_path, added):
+    context = Context.load(written(tmp_path, case={"simulator.effects": [added]}))
+    (finding,) = find_jumps_at_rest(context)
+    assert finding.key == "simulator.effects.0"
+    assert "switches at rest" in finding.problem
+    assert "more than 0.1 of the cells" in finding.problem
+    assert "plant.effects" in finding.remedy
+    assert "gap.lipschitz.rough_limit" in finding.remedy
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        {"simulator.effects": [FRICTION], "plant.effects": [FRICTION]},
+        {"simulator.effects": [FRICTION], "domain.X": {"q": [-0.2, 0.2], "w": [0.1, 0.5]}},
+        {"simulator.effects": [{"name": "viscous_friction", "on": "hinge", "parameters": {"b": 0.3}}]},
+        {"simulator.effects": [{"name": "constant_force", "on": "hinge", "parameters": {"F_0": 0.3}}]},
+    ],
+)
+def test_what_is_smooth_or_known_or_outside_x_is_not_told_as_a_jump(tmp_path, case):
+    assert list(find_jumps_at_rest(Context.load(written(tmp_path, case=case)))) == []
