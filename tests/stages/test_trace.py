@@ -2,13 +2,17 @@
 
 from dataclasses import replace
 
+import pyarrow.parquet as pq
 import pytest
 
 from simgap.cli import main
+from simgap.io.controller_file import load_controller
+from simgap.io.rerun.closed_loop import events
 from simgap.io.rerun.recording import JointScene, PlanarScene, viewed
+from simgap.io.traces import split
 from simgap.plants.context import Context
 from simgap.provenance import READS, sections_digest
-from simgap.report.scene import scene
+from simgap.report.scene import recording_content, scene
 from tests.io.recorded import read_curves
 from tests.stages import loop_example as example
 
@@ -33,7 +37,7 @@ def test_robot_by_the_command_line(robot):
     assert "recorded 8 runs" in (folder / "trace.log").read_text()
     curves = read_curves(folder / "trace.rrd")
     states = {f"runs/gap-aware/simulator/run-0/state/{n}" for n in ("x", "y", "heading")}
-    assert states <= set(curves)
+    assert states | {"shown/gap/value", "shown/nominal/value", "shown/gap/share/x"} <= set(curves)
 
 
 def test_the_scene_follows_from_the_case(robot, tmp_path, root):
@@ -55,6 +59,17 @@ def test_the_title_that_the_recording_prints_is_read_by_its_stage(robot):
     renamed = case.model_copy(update={"title": "Another title"})
     before, after = (sections_digest(c, READS["trace"], path.parent) for c in (case, renamed))
     assert before != after
+
+
+def test_what_the_recording_says_happened(robot):
+    folder, case = robot
+    context = Context.load(case)
+    traces = split(pq.read_table(folder / "validation/traces.parquet"), context.states, context.inputs)
+    controllers = [load_controller(folder / kind / "controller.npz") for kind in ("nominal", "gap")]
+    content = recording_content(context, traces, *controllers)
+    told = [text for kind, t in content.shown.items() for _, text, _ in events(content, kind, t)]
+    assert any(text.startswith("nominal-only: the simulator is unsafe at x = -0.01") for text in told)
+    assert "gap-aware: target reached after 24 s" in told  # 0.9 of the arena at 30 s, 0.75 of it at 23.6 s
 
 
 def test_missing_traces_are_one_line(robot, capsys, tmp_path):

@@ -5,6 +5,7 @@ Entities, over the timeline `sim_time`:
     /runs/<controller>/<plant>/run-<k>/state/<state>              as in traces.parquet, every kept run
     /runs/<controller>/<plant>/run-<k>/input/<input>
     /runs/<controller>/<plant>/run-<k>/gap/<state>/{actual,lower,upper}
+    /shown/<controller>/...       what is derived from the run on display: share of the bound, value function, events
     /scene/...                    the 3-D scene        /phase/...    winning domains with the runs in them
 """
 
@@ -18,11 +19,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.arrays import Floats
+from simgap.arrays import Floats, Ints
 from simgap.geometry import Box
 from simgap.io import figure_style as style
 from simgap.io.figure_style import COLOURS
 from simgap.io.rerun.recording import (
+    SERIES,
     TIMELINE,
     Content,
     JointScene,
@@ -36,10 +38,11 @@ from simgap.io.rerun.recording import (
     rgb,
     robot_name,
     root,
+    share_of_bound,
     stance,
     viewed,
 )
-from simgap.io.traces import GAP_AWARE, NOMINAL, SIMULATOR, TITLES, Trace, first_seconds, twin
+from simgap.io.traces import GAP_AWARE, NOMINAL, SIMULATOR, TITLES, Trace, cut_short, first_seconds, twin
 from simgap.late import rerun as rr
 from simgap.late import rerun_blueprint as rrb
 from simgap.notation import axis_label
@@ -54,6 +57,8 @@ def write_recording(path: Path, content: Content) -> None:
         for trace in content.traces:
             for entity, t, values in curves(trace, content.states, content.inputs):
                 plot(recording, entity, t, values, *_look(entity, trace))
+        for controller, trace in content.shown.items():
+            _log_shown(recording, content, controller, trace)
         _log_limits(recording, content)
         log_phase(recording, content)
         log_scene(recording, content)
@@ -70,14 +75,82 @@ def _look(entity: str, trace: Trace) -> tuple[str, float, str]:
     return colour, width, f"{TITLES[trace.controller]}, {plant}"
 
 
+def _log_shown(recording: Any, content: Content, controller: str, trace: Trace) -> None:
+    """The share of the bound, the value function and what happened, of the run on display."""
+    share = share_of_bound(trace)
+    for j, name in enumerate(content.states):
+        curve = finite(f"shown/{controller}/share/{name}", trace.t, share[:, j])
+        plot(recording, *curve, SERIES[j % len(SERIES)][0], 2.0)
+    policy = content.controllers[controller]
+    if policy.solution.value is not None:
+        steps = steps_to_target(policy, trace)
+        plot(recording, f"shown/{controller}/value", *steps, COLOURS[controller], 2.0, TITLES[controller])
+    for when, text, level in events(content, controller, trace):
+        recording.set_time(TIMELINE, duration=when)
+        recording.log(f"shown/{controller}/events", rr.TextLog(text, level=level))
+    recording.reset_time()
+
+
+def steps_to_target(policy: Controller, trace: Trace) -> tuple[Floats, Floats]:
+    """The value function along a run: times and steps, (n,) each, without the last where no pending input is known."""
+    memory = memories(policy, trace)
+    return trace.t[: len(memory)], policy.value(trace.x[: len(memory)], memory).astype(np.float64)
+
+
+def memories(policy: Controller, trace: Trace) -> Ints:
+    """What the controller remembered at the samples of a run, as far as its inputs say."""
+    applied = np.argmin(np.abs(policy.input_set[None] - trace.u[:-1, None]).sum(axis=2), axis=1)
+    memory = [policy.first]
+    for cell, chosen in zip(policy.cell(trace.x).tolist(), applied[int(policy.late) :].tolist(), strict=False):
+        memory.append(int(policy.solution.step(memory[-1], chosen, cell)[1]))
+    return np.array(memory)
+
+
+def events(content: Content, controller: str, trace: Trace) -> list[tuple[float, str, str]]:
+    """Time, text and level of what a viewer should notice about a run."""
+    title = TITLES[controller]
+    out = [(0.0, f"{title}: run {trace.run} starts", "INFO")]
+    if trace.violates:
+        first = int(np.flatnonzero(~trace.safe)[0])
+        t, x = float(trace.t[first]), trace.x[first]
+        where = ", ".join(f"{n} = {v:.4g}" for n, v in zip(content.states, x, strict=True))
+        out.append((t, f"{title}: the simulator is unsafe at {where}", "ERROR"))
+    elif (task := content.controllers[controller].progress) is not None:
+        stages = memories(content.controllers[controller], trace) // task.base
+        moved = 1 + np.flatnonzero(np.diff(stages))
+        following = [task.awaits[stage] if task.awaits else "" for stage in stages.tolist()]
+        on = [f"next is {following[k]}" if following[k] else f"to stage {stages[k]}" for k in moved]
+        out += [
+            (float(trace.t[k]), f"{title}: the task moves on, {what}", "INFO")
+            for k, what in zip(moved, on, strict=True)
+        ]
+    elif content.controllers[controller].in_target(trace.x[-1:])[0]:
+        arrived = float(trace.t[content.controllers[controller].in_target(trace.x)][0])
+        out.append((arrived, f"{title}: target reached after {arrived:g} s", "INFO"))
+    elif cut_short(content.traces, trace) > 0.0:
+        out.append((trace.duration, f"{title}: ends without an admissible input", "WARN"))
+    elif content.controllers[controller].solution.target is not None:
+        out.append((trace.duration, f"{title}: ends without reaching the target", "WARN"))
+    else:
+        out.append((trace.duration, f"{title}: safe at all {len(trace.t)} samples", "INFO"))
+    model = twin(content.traces, trace)
+    if model is not None and not model.violates and model.duration < trace.duration:
+        out.append((model.duration, f"{title}, run on the nominal model: ends without an admissible input", "WARN"))
+    elif model is not None and model.violates:
+        out.append((model.duration, f"{title}, run on the nominal model: unsafe", "WARN"))
+    return sorted(out)
+
+
 def _log_limits(recording: Any, content: Content) -> None:
-    """The safe set beside the states."""
+    """The safe set beside the states, and +-1 beside the share of the bound."""
     ends = np.array([0.0, max(t.duration for t in content.shown.values())])
     for j, name in enumerate(content.states):
         for side, value in (("lowest", content.safe.lo[j]), ("highest", content.safe.hi[j])):
             if np.isfinite(value):
                 limit, named = np.full(2, value), f"safe set, {side}"
                 plot(recording, f"safe_set/{name}/{side}", ends, limit, style.GREEN, 1.5, named)
+    for side, value in (("lower", -1.0), ("upper", 1.0)):
+        plot(recording, f"bound/{side}", ends, np.full(2, value), style.ORANGE, 1.5, f"{side} bound")
 
 
 PIXELS = 800  # along the longer side, at least
@@ -163,10 +236,13 @@ def blueprint(content: Content) -> Any:
     left = [
         *([_scene(content)] if content.scene is not None else []),
         rrb.Horizontal(*middle, column_shares=[3.0, 2.0][: len(middle)]),
+        rrb.TextLogView(
+            name="Events", origin="/shown", contents=[f"/shown/{c}/events" for c in content.shown], columns=_columns()
+        ),
     ]
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(*left, row_shares=[1.0] * len(left)),
+            rrb.Vertical(*left, row_shares=[3.0, 3.0, 1.4][-len(left) :]),
             _curves(content),
             _gaps(content),
             column_shares=[9, 6, 6],
@@ -182,6 +258,15 @@ def _plane(content: Content) -> str:
     """Name of the view of the domains: its axes, and what it says of the other states."""
     (x, y), others = (axis_label(n, content.units) for n in content.states[:2]), content.states[2:]
     return f"Domains: {x} across, {y} up" + (f", every {' and '.join(others)}" if others else "")
+
+
+def _columns() -> Any:
+    """Time and text, without the entity's path."""
+    from rerun.blueprint import encodings
+
+    kinds = encodings.TextLogColumnKind
+    shown = [encodings.TextLogColumn(kind, visible=kind != kinds.EntityPath) for kind in (kinds.LogLevel, kinds.Body)]
+    return rrb.TextLogColumns(text_log_columns=shown)
 
 
 def _scene(content: Content) -> Any:
@@ -222,7 +307,7 @@ def _plot(content: Content, name: str, contents: Sequence[str]) -> Any:
 
 
 def _curves(content: Content) -> Any:
-    """States against the safe set, and inputs."""
+    """States against the safe set, inputs, the value function."""
     models = [m for t in content.shown.values() if (m := twin(content.traces, t)) is not None]
     views = []
     for name in content.states:
@@ -231,17 +316,22 @@ def _curves(content: Content) -> Any:
     for name in content.inputs:
         runs = [f"/{root(t)}/input/{name}" for t in content.shown.values()]
         views.append(_plot(content, f"input {axis_label(name, content.units)}", runs))
+    if any(c.solution.value is not None for c in content.controllers.values()):
+        values = [f"/shown/{controller}/value" for controller in content.shown]
+        views.append(_plot(content, "Value function: steps to the target", values))
     return rrb.Vertical(*views, name="States and inputs")
 
 
 def _gaps(content: Content) -> Any:
-    """Gap against bound for each controller, a tab each."""
+    """Gap against bound for each controller, a tab each, and where in its bound the gap lies."""
+    series = ", ".join(f"{name} {SERIES[j % len(SERIES)][1]}" for j, name in enumerate(content.states))
     tabs = []
     for controller, trace in content.shown.items():
-        labels = {name: axis_label(name, content.units) for name in content.states}
-        views = [
-            _plot(content, f"gap of {label} and its bound", [f"/{root(trace)}/gap/{name}/**"])
-            for name, label in labels.items()
-        ]
+        views = []
+        for name in content.states:
+            label = axis_label(name, content.units)
+            views.append(_plot(content, f"gap of {label} and its bound", [f"/{root(trace)}/gap/{name}/**"]))
+        share = ["/bound/**", f"/shown/{controller}/share/**"]
+        views.append(_plot(content, f"gap within its bound, ±1: {series}", share))
         tabs.append(rrb.Vertical(*views, name=f"Gap, {TITLES[controller]}"))
     return rrb.Tabs(*tabs, active_tab=list(content.shown).index(GAP_AWARE))

@@ -24,6 +24,8 @@ from simgap.late import rerun as rr
 from simgap.plants.model_file import numbers
 from simgap.synthesis.controller import Controller
 
+SERIES = (("#56B4E9", "light blue"), ("#CC79A7", "pink"), ("#009E73", "green"), ("#F0E442", "yellow"))
+"""Colours of the states in one view, with what a title calls them (Okabe & Ito (2008))."""
 _PLANTS = {SIMULATOR: "simulator", MODEL: "nominal_model"}
 
 
