@@ -1,6 +1,6 @@
-"""Queries of `check` to the engine, in a process of its own: how it read the file, how fast it steps.
+"""Queries of `check` to the engine, in a process of its own: how it read the file, how fast it steps, how it drives.
 
-Of a wheeled robot the file alone is read: sizes, axes and shapes of its wheels.
+A wheeled robot is driven in a short trial; where it does not drive as commanded, the finding says why.
 """
 
 from __future__ import annotations
@@ -8,9 +8,9 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 
@@ -33,6 +33,7 @@ from simgap.plants.urdf_checks import ends
 from simgap.simulators.base import Engine
 from simgap.simulators.findings import model_file_findings
 from simgap.simulators.process import run_in_processes
+from simgap.simulators.wheeled import WheeledEngine
 
 SAID, REFUSED = 0.02, 1.5
 """Share by which a size may differ from the file's unsaid (a worn tyre, calibrated), and the factor beyond which it is
@@ -72,46 +73,206 @@ def find_other_wheel_sizes(context: Context) -> Iterator[Finding]:
             yield Finding(f"simulator.{key}", differs, remedy)
 
 
-ALIGNED = 0.9
-"""Cosine from which on two directions are one. Judgement."""
+TIPS, STANDS, OFF, ALIGNED, PULL = 0.2, 0.2, 0.15, 0.1, 0.05
+"""Lean at which a robot has tipped over or sunk to one side, rad; share of what it was told below which it stands
+still, and deviation from it that is said. Both shipped robots lean by .004 at most in both engines and off by .09 at
+most; those spoilt on purpose (`tests/stages/test_drive.py`) lean by .36 or more, stand with .13 or less, or are off by
+.17 or more; a motor with a twentieth of its torque comes to .32. Beyond ALIGNED two directions differ: judgement."""
 
 
-def find_wheel_faults(context: Context) -> Iterator[Finding]:
-    """Wheels that by their file do not roll along x, or are each on the other's side."""
-    section: Any = context.case.simulator
-    if not hasattr(section, "wheel_radius"):
+def driven_as_told(context: Context, driven: list[Drive]) -> Iterator[Finding]:
+    """Findings where the robot is slower, faster or turns wider than told; none for an engine without wheels.
+
+    Raises:
+        UserError: a robot that tips over, sinks, stands still or goes another way.
+    """
+    for drive in driven:
+        section: Any = context.case.simulator
+        _refuse_another_way(drive, section, context.folder / section.urdf)
+        yield from _off(drive, section)
+
+
+def _refuse_another_way(drive: Drive, section: Any, urdf: Path) -> None:
+    forwards, sideways, turned = drive.moved
+    linear, angular = drive.told
+    straight = drive.straight
+    share = forwards / linear if straight else turned / angular
+    tips = drive.leans > TIPS or drive.height < -section.wheel_radius
+    both = f"joints '{section.left}' and '{section.right}'"
+    fault = wheel_fault(urdf, section.left) or wheel_fault(urdf, section.right)
+    leans = f"it leans by {drive.leans:.2g} rad, its root {drive.height:.2g} m above the floor"
+    look = "Look at its centre of mass, its casters, and the <collision> shapes of its wheels."
+    turns_itself = straight and abs(turned - angular) * section.track / 2 > 0.5 * abs(linear)
+    standing, why_standing = _standing(drive, fault)
+    ways = (  # does it, what it does, where to look, what to do
+        (tips, "tips over or sinks" + (" into the floor" if fault else f": {leans}"), *(fault or (both, look))),
+        (turns_itself, f"turns by {turned:.2g} rad/s", both,
+         "The <axis> of one wheel points the other way: make both 0 1 0."),
+        (straight and abs(sideways) > 0.5 * abs(linear), f"drives sideways, {sideways:.2g} m/s", both,
+         "Its root has to look along x and its wheels to turn about y: <axis> 0 1 0."),
+        (straight and share < -STANDS, "drives backwards", both,
+         "Reverse the <axis> of both wheels: 0 1 0 drives along x."),
+        (not straight and share < -STANDS, "turns the other way", "simulator.left",
+         f"Exchange them: left: {section.right}, right: {section.left}."),
+        (share < STANDS, f"hardly moves{standing}", *(fault or (both, why_standing))),
+    )  # fmt: skip
+    for does, problem, key, remedy in ways:
+        if does:
+            told = f"commanded {linear:g} m/s and {angular:g} rad/s for two seconds, the robot"
+            raise UserError(f"{told} {problem}", file=urdf, key=key, remedy=remedy)
+
+
+def _standing(drive: Drive, fault: tuple[str, str] | None) -> tuple[str, str]:
+    """What the wheels of a robot do that hardly moves, and the remedy where its file shows none."""
+    if fault is not None:
+        return "", ""
+    rates = f"its wheels turn at {drive.turning[0]:.2g} and {drive.turning[1]:.2g} rad/s"
+    asked = f"instead of {drive.asked[0]:.2g} and {drive.asked[1]:.2g}"
+    turns = max(abs(own) / abs(aim) for own, aim in zip(drive.turning, drive.asked, strict=True) if aim != 0.0) > 0.5
+    return f"; {rates} {asked}", (
+        "They do not touch the floor, or slip on it: compare places and radii of their <collision> shapes with "
+        "those of casters and body, and give them <lateral_friction>." if turns else
+        "Raise simulator.torque, or look for what rubs on the floor: a caster with friction, the body, a wheel's "
+        "<collision> shape that lies another way."
+    )  # fmt: skip
+
+
+def _off(drive: Drive, section: Any) -> Iterator[Finding]:
+    """Speeds that are not those of the command, with the key that would explain it."""
+    main, key = (0, "wheel_radius") if drive.straight else (2, "track")
+    told, moved = (drive.told[0] if drive.straight else drive.told[1]), drive.moved[main]
+    share, pull = moved / told, drive.moved[2] - drive.told[1]
+    if drive.straight and PULL * abs(told) < abs(pull) * section.track / 2:
+        yield Finding(
+            "simulator.urdf", f"commanded {told:g} m/s and {drive.told[1]:g} rad/s, the robot turns by "
+            f"{drive.moved[2]:.2g} rad/s in its engine: it pulls to one side",
+            "Compare the radii and places of both wheels, and what rubs on one side; the gap covers what it does",
+        )  # fmt: skip
         return
-    robot = reading.read_xml(context.folder / section.urdf)
-    joints = {part.get("name"): part for part in robot.findall("joint")}
-    wheels = [joints[name] for name in (section.left, section.right) if name in joints]
-    for wheel in wheels:
-        if fault := _wheel_fault(robot, wheel):
-            yield Finding(fault[0], f"the wheel of joint '{wheel.get('name')}' does not roll along x", fault[1])
-    places = [axle(wheel)[0][1] for wheel in wheels]
-    if len(places) == 2 and places[0] < places[1]:
-        remedy = f"Exchange them: left: {section.right}, right: {section.left}"
-        yield Finding("simulator.left", "the left wheel is on the right side, so the robot turns the other way", remedy)
+    if abs(share - 1.0) <= OFF:
+        return
+    unit, verb = ("m/s", "drives") if drive.straight else ("rad/s", "turns")
+    problem = f"commanded {told:g} {unit} for two seconds, the robot {verb} at {moved:.3g} {unit} in its engine"
+    reached = min(own / aim for own, aim in zip(drive.turning, drive.asked, strict=True) if aim != 0.0)
+    if reached < 1.0 - OFF:
+        problem += f", its wheels at {reached:.0%} of the commanded rate"
+        yield Finding("simulator.torque", problem, "Raise it if the motors are stronger; the gap covers what they do")
+        return
+    yield Finding(
+        f"simulator.{key}", problem,
+        "Compare it with the URDF, and the wheels' <collision> shapes with the floor: the edges of a cylinder "
+        "scrub where a sphere touches in one point; the gap covers what the engine does",
+    )  # fmt: skip
 
 
-def _wheel_fault(robot: ElementTree.Element, joint: ElementTree.Element) -> tuple[str, str] | None:
-    """Key and remedy of what keeps a wheel from rolling along x; None if nothing is seen."""
-    _, axis = axle(joint)
-    if axis[1] < ALIGNED:
+def wheel_fault(urdf: Path, joint: str) -> tuple[str, str] | None:
+    """Key and remedy of what keeps a wheel from rolling along x, by its file; None if nothing is seen."""
+    robot = reading.read_xml(urdf)
+    own = next(part for part in robot.findall("joint") if part.get("name") == joint)
+    _, axis = axle(own)
+    if abs(axis[1]) < 1.0 - ALIGNED:
         pointing = ", ".join(f"{v:.2g}" for v in axis)
-        return f"joint '{joint.get('name')}': <axis>", f"It points along {pointing}; a wheel turns about its y: 0 1 0"
-    name = ends(joint)[1]
+        return f"joint '{joint}': <axis>", f"It points along {pointing} of the robot; a wheel turns about its y: 0 1 0."
+    name = ends(own)[1]
     link = next(part for part in robot.findall("link") if part.get("name") == name)
     shape = link.find("collision/geometry/*")
     if shape is None:
-        return f"link '{name}': <collision>", "The wheel has none, so that nothing carries the robot: give it a sphere"
+        return f"link '{name}': <collision>", "The wheel has none, so that nothing carries the robot: give it a sphere."
     along = placed_at(link, "collision/origin")[1].apply([0.0, 0.0, 1.0])
-    turning = numbers(joint, "axis", "xyz", "1 0 0")
-    if shape.tag == "cylinder" and abs(float(np.asarray(along) @ turning)) < ALIGNED:
-        remedy = 'Its cylinder lies the wrong way, its axis is not the joint\'s: rpy="1.5707963 0 0" for axis 0 1 0'
-        return f"link '{name}': <collision><origin> rpy", remedy
+    turning = numbers(own, "axis", "xyz", "1 0 0")
+    if shape.tag == "cylinder" and abs(float(np.asarray(along) @ turning)) < 1.0 - ALIGNED:
+        return (
+            f"link '{name}': <collision><origin> rpy",
+            'Its cylinder lies the wrong way, its axis is not the joint\'s: rpy="1.5707963 0 0" for axis 0 1 0.',
+        )
     if numbers(link, "contact/lateral_friction", "value", "1")[0] == 0.0:
-        return f"link '{name}': <lateral_friction>", "A wheel without friction slips: give it 1, and casters 0"
+        return f"link '{name}': <lateral_friction>", "A wheel without friction slips: give it 1, and casters 0."
     return None
+
+
+LONG = 2.0
+"""How long a command is held, s: motors of the shipped robots need up to half a second, and with a twentieth of their
+torque they come to a third of their speed in this time."""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Motion that a command, held from rest, came to in its last sampling time.
+
+    Attributes:
+        straight: whether to go straight on was the aim, or to turn.
+        told: linear and angular velocity, m/s, rad/s.
+        moved: forwards, sideways and about the vertical, m/s, m/s, rad/s.
+        asked, turning: rates that the wheels' motors were asked for, and have, left and right, rad/s.
+        height: of the root above the floor, m; leans: from upright, rad.
+    """
+
+    straight: bool
+    told: tuple[float, float]
+    moved: tuple[float, float, float]
+    asked: tuple[float, float]
+    turning: tuple[float, float]
+    height: float
+    leans: float
+
+
+def drives(case: Case, folder: Path) -> list[Drive]:
+    """Straight on at the largest speed of U, then turning at the largest rate; without the effects of the simulator.
+
+    To be called in the engine's process. Empty for an engine of anything but wheeled robots.
+
+    Raises:
+        UserError: as the engine's own.
+    """
+    from simgap.simulators.rollouts import make_simulator
+
+    if case.plant.symbolic is None or case.plant.symbolic.wheels is None:
+        return []  # of no wheeled robot: not even built
+    plain = case.simulator.model_copy(update={"effects": ()}) if case.simulator is not None else None
+    with make_simulator(case.model_copy(update={"simulator": plain}), folder) as robot:
+        return [_drive(robot, case, *told) for told in _commands(case)] if isinstance(robot, WheeledEngine) else []
+
+
+def _commands(case: Case) -> list[tuple[bool, float, float]]:
+    """The largest speed with the least turning, and the other way round; none that would not move."""
+    wheels = case.plant.symbolic.wheels if case.plant.symbolic else None
+    if wheels is None or case.domain is None:
+        return []
+    linear, angular = (case.domain.U[name].list() for name in (wheels.linear, wheels.angular))
+    straight = max(linear, key=lambda v: (abs(v), v)), min(angular, key=abs)
+    turn = min(linear, key=abs), max(angular, key=lambda w: (abs(w), w))
+    return [told for told, own in (((True, *straight), straight[0]), ((False, *turn), turn[1])) if own != 0.0]
+
+
+def _drive(robot: WheeledEngine, case: Case, straight: bool, linear: float, angular: float) -> Drive:
+    tau = case.domain.tau if case.domain is not None else 1.0
+    a, b = robot.commands
+    u = np.zeros(2)
+    u[a], u[b] = linear, angular
+    _, paths = robot.chain(np.zeros(3), np.tile(u, (max(2, int(np.ceil(LONG / tau))), 1)))
+    x, y, turn = (float(paths[-1, -1, k]) for k in robot.pose)
+    forwards, sideways = _in_the_body(x / tau, y / tau, turn)
+    height, leans = robot.standing()
+    return Drive(
+        straight,
+        (linear, angular),
+        (forwards, sideways, turn / tau),
+        robot.wheel_rates(linear, angular),
+        robot.turning(),
+        height,
+        leans,
+    )
+
+
+def _in_the_body(x: float, y: float, turn: float) -> tuple[float, float]:
+    """Mean speeds along and across a body that turns evenly, from those of its chord as it stood at the beginning.
+
+    A chord of an arc leaves at half of its angle, and is shorter than it by sin(h)/h.
+    """
+    h = 0.5 * turn
+    along, across = np.cos(h) * x + np.sin(h) * y, np.cos(h) * y - np.sin(h) * x
+    short = max(float(np.sinc(h / np.pi)), 0.1)  # near a whole turn there is no chord to be lengthened
+    return float(along) / short, float(across) / short
 
 
 TRIED, FEWEST, TOGETHER = 0.2, 15, 10_000
@@ -131,21 +292,23 @@ def of_engine(
     x = context.box.sample(rng, 100)
     values = [case.domain.U[name].list() for name in context.inputs]
     u = np.stack([rng.choice(own, len(x)) for own in values], axis=1) if values else np.zeros((len(x), 0))
-    ((loaded, seconds, own),) = run_in_processes(_query_engine, [(case, context.folder, x, u)], log=engine_log)
+    ((loaded, seconds, own, driven),) = run_in_processes(_query_engine, [(case, context.folder, x, u)], log=engine_log)
     if own is not None:
         return own, seconds
     traits = kind.file_traits if issubclass(kind, Engine) else None
     if file is None or traits is None:
         return None, seconds
-    return model_file_findings(case, traits, file, loaded), seconds
+    return [*model_file_findings(case, traits, file, loaded), *driven_as_told(context, driven)], seconds
 
 
-def _query_engine(case: Case, folder: Path, x: Any, u: Any) -> tuple[Mapping[str, Link], float, list[Finding] | None]:
-    """Result of `ask_engine`, and findings about a file in the engine's own format."""
+def _query_engine(
+    case: Case, folder: Path, x: Any, u: Any
+) -> tuple[Mapping[str, Link], float, list[Finding] | None, list[Drive]]:
+    """Result of `ask_engine`, findings about a file in the engine's own format, and how a wheeled robot drives."""
     from simgap.simulators.rollouts import engine_of
 
     findings = engine_of(case, folder).findings(case, folder)
-    return *ask_engine(case, folder, x, u), findings
+    return *ask_engine(case, folder, x, u), findings, drives(case, folder)
 
 
 def ask_engine(case: Case, folder: Path, x: Any, u: Any) -> tuple[Mapping[str, Link], float]:

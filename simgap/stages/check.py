@@ -30,8 +30,8 @@ OF_CASE: tuple[Check, ...] = (
 
 OF_NUMBERS: tuple[Check, ...] = (
     equations.find_mixed_units, equations.find_wrong_dimensions, equations.find_heavy_steps, equations.find_long_steps,
-    engine.find_bolted_base, engine.find_other_wheel_sizes, engine.find_wheel_faults, gap.find_jumps_at_rest,
-    gap.find_stuck_joints, gap.find_noise, measured.find_missing_coordinates, controller.find_no_controller,
+    engine.find_bolted_base, engine.find_other_wheel_sizes, gap.find_jumps_at_rest, gap.find_stuck_joints,
+    gap.find_noise, measured.find_missing_coordinates, controller.find_no_controller,
 )  # fmt: skip
 """Checks once the engine has loaded its model file: its reasons come before those that follow from them."""
 
