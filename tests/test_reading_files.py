@@ -10,6 +10,7 @@ import pytest
 
 from simgap import reading
 from simgap.config.load import load_case
+from simgap.config.measured import matching_files
 from simgap.errors import UserError
 from simgap.io.controller_file import load_controller
 from simgap.io.gap_file import load_gap
@@ -148,3 +149,14 @@ def test_a_file_of_the_system_that_says_it_is_empty_is(tmp_path):
     link = tmp_path / "case.yaml"
     link.symlink_to("/proc/self/smaps")
     assert reading.read_bytes(link) == b""
+
+
+@pytest.mark.parametrize("pattern", ["/**/*", "../**/*.csv", "a/../../*"])
+def test_a_pattern_of_a_case_stays_within_its_folder(tmp_path, pattern):
+    with pytest.raises(UserError, match="leads out of the case's folder"):
+        matching_files(tmp_path, [pattern])
+
+
+def test_a_pattern_that_a_person_types_may_lead_anywhere(tmp_path):
+    (tmp_path / "a.csv").write_text("t\n")
+    assert matching_files(Path(), [f"{tmp_path}/*.csv"], typed=True) == [(0, tmp_path / "a.csv")]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -10,7 +11,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
 from simgap import reading
 from simgap.config.base import Interval, Positive, Section
-from simgap.errors import UserError
+from simgap.errors import UserError, excerpt
 
 
 def bare_column(value: object) -> object:
@@ -57,19 +58,64 @@ class ConditionColumn(Section):
         return self
 
 
-def named_recordings(case: Path, names: Sequence[str]) -> list[Path]:
-    """The recordings that a case file names under `measured.files`, each once.
+_SIGNS = "*?["
+MOST_FILES = 10_000
+"""Files that a pattern may stand for."""
+
+
+def matching_files(folder: Path, names: Sequence[str], typed: bool = False) -> list[tuple[int, Path]]:
+    """The files behind names, each with the place of the name that brought it.
+
+    A name with `*`, `?` or `[` that is no file itself stands for the files of the folder that match it, sorted; `**`
+    for folders below. A name that nothing matches stays as it is, and a file that several names bring comes once.
+
+    Args:
+        folder: where names start from; names: as `measured.files` lists them.
+        typed: whether a person typed them, who may look anywhere; a case may come from a stranger.
 
     Raises:
-        UserError: one that is not there.
+        UserError: a pattern that leads out of the folder, or matches too much.
     """
-    found = [case.parent / name for name in names]
-    for place, path in enumerate(found):
+    found: dict[Path, int] = {}
+    for place, name in enumerate(names):
+        path = folder / name
+        hits = [path]
+        if any(s in name for s in _SIGNS) and not path.exists():
+            hits = _files(folder, name, None if typed else f"measured.files.{place}") or [path]
+        for hit in hits:
+            found.setdefault(hit, place)
+    return [(place, path) for path, place in found.items()]
+
+
+def named_recordings(case: Path, names: Sequence[str]) -> list[Path]:
+    """The recordings that a case file names under `measured.files`.
+
+    Raises:
+        UserError: one that is not there, or a pattern that no file matches.
+    """
+    found = matching_files(case.parent, names)
+    for place, path in found:
         if not reading.is_file(path):
             problem = f"{'is a folder' if path.is_dir() else 'there is no file'}: '{names[place]}'"
             remedy = "Correct the path of a CSV, Parquet, JSON or MCAP file; it starts from the folder of the case."
             raise UserError(problem, file=case, key=f"measured.files.{place}", remedy=remedy)
-    return list(dict.fromkeys(found))
+    return [path for _, path in found]
+
+
+def _files(folder: Path, pattern: str, key: str | None) -> list[Path]:
+    """Files that match, sorted; none where it is no pattern (`**` stands alone between slashes)."""
+    anchor = Path(pattern).anchor
+    if key is not None and (anchor or ".." in Path(pattern).parts):
+        remedy = "Name the files one by one, or put the case beside them."
+        raise UserError(f"the pattern '{excerpt(pattern, 60)}' leads out of the case's folder", key=key, remedy=remedy)
+    try:
+        found = list(islice((folder / anchor).glob(pattern.removeprefix(anchor)), MOST_FILES + 1))
+    except ValueError:
+        return []
+    if len(found) > MOST_FILES:
+        problem = f"the pattern '{excerpt(pattern, 60)}' stands for more than {MOST_FILES} files"
+        raise UserError(problem, key=key, remedy="Narrow it.")
+    return sorted(path for path in found if reading.is_file(path))
 
 
 Range = Annotated[Interval, Field(description="From and to, in seconds as the time column reads.")]
@@ -165,7 +211,8 @@ class MeasuredSection(Section):
     OPTIONAL = ("conditions", "conditions_from", "payloads", "into_simulator", "known")
 
     files: tuple[str, ...] = ()
-    """CSV, Parquet, JSON or MCAP files, relative to the case file; files on the command line replace them."""
+    """CSV, Parquet, JSON or MCAP files, relative to the case file, or patterns (runs/*.csv, in the order of their
+    names); files on the command line replace them."""
     columns: dict[str, Annotated[ColumnMap, BeforeValidator(bare_column, str | ColumnMap)]] = Field(
         default_factory=dict
     )

@@ -12,7 +12,7 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.config.case import Case
-from simgap.config.measured import MeasuredSection, named_recordings
+from simgap.config.measured import MeasuredSection, matching_files, named_recordings
 from simgap.config.named_files import plugin_copies
 from simgap.correction.corrected_case import acted_out, corrected_case, measured_out
 from simgap.correction.remainder import bound_remainder, use_of
@@ -186,7 +186,7 @@ def conclude(
 
 def _paths(context: Context, section: MeasuredSection, data: Sequence[Path]) -> list[Path]:
     if data:
-        return list(dict.fromkeys(data))
+        return [found for path in data for _, found in matching_files(Path(), [str(path)], typed=True)]
     if not section.files:
         remedy = "Name CSV, Parquet, JSON or MCAP files on the command line or here."
         raise UserError("no data are given", file=context.path, key="measured.files", remedy=remedy)

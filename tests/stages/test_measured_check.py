@@ -113,15 +113,18 @@ def test_the_unit_that_a_parquet_file_stores_counts(ball, tmp_path):
         check.run(path)
 
 
-def test_a_file_counts_once_whatever_its_name_looks_like(ball, tmp_path):
+def test_a_pattern_stands_for_the_files_that_match_it_in_the_order_of_their_names(ball, tmp_path):
+    """Each file once, whatever names bring it; a file whose own name looks like a pattern is that file."""
     (tmp_path / "runs").mkdir()
-    for name in ("b", "c[1]"):
+    for name in ("b", "a", "c[1]"):
         (tmp_path / "runs" / f"{name}.csv").write_bytes((tmp_path / "run.csv").read_bytes())
-    context = Context.load(ball(files=["runs/b.csv", "runs/c[1].csv", "run.csv", "runs/b.csv"]))
+    context = Context.load(ball(files=["runs/b.csv", "runs/*.csv", "runs/c[1].csv", "run.csv"]))
     check_measured(context)
     assert context.case.measured is not None
     found = named_recordings(context.path, context.case.measured.files)
-    assert [p.relative_to(tmp_path).as_posix() for p in found] == ["runs/b.csv", "runs/c[1].csv", "run.csv"]
+    assert [p.relative_to(tmp_path).as_posix() for p in found] == [
+        "runs/b.csv", "runs/a.csv", "runs/c[1].csv", "run.csv"
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize("said", [{"conditions": [{"file": "run.csv", "m": 1.0}]}, {"conditions_from": {"m": "mass"}}])
