@@ -42,6 +42,9 @@ class SensingSection(Section):
     """measurement: the latency comes on top of the delays that effects declare. input_delay: it is the first sample of
     these delays, so that the controller knows which input is pending; a command that would act earlier is held back
     until then."""
+    first_input: dict[str, float] = Field(default_factory=dict)
+    """With a latency, the input that acts in the first sample, before any measurement has arrived: one of domain.U. If
+    not given, the one of least effort in U, rest where U holds it."""
 
     @property
     def known_delay(self) -> int:

@@ -35,6 +35,7 @@ from simgap.synthesis.explain import GammaParts, explain
 from simgap.synthesis.games.game import PreviousBounds
 from simgap.synthesis.synthesise import EmptyDomain, SynthesisProblem, synthesise
 
+FIRST_INPUT = 1e-9  # how far the first input may be from the one of U that it is
 EMPTY_FIGURES = "empty.json"  # which the page of a run without a controller shows
 PATH_POINTS = 20  # poses on the nominal path between two samples
 
@@ -213,6 +214,7 @@ def pose_problem(context: Context, gap_path: Path | None) -> tuple[SynthesisProb
         gap_axes=gap.domain.read if gap is not None else None,
         error=error,
         latency=sensing.latency if sensing else 0,
+        first=_first_input(context, sensing.first_input) if sensing and sensing.first_input else None,
         stray=between if needed else None,
         one=section.record == "one",
     )
@@ -232,6 +234,21 @@ def _previous(context: Context, problem: SynthesisProblem, bound: SavedGap, gap:
         boxes = zip(*bound.swept_by_class, strict=True)
         swept = [planar_swept_cells(problem.grid, *own, pose_axes(context), problem.error) for own in boxes]
     return PreviousBounds(classes.kind, classes.rest, gaps, tuple(swept))
+
+
+def _first_input(context: Context, named: dict[str, float]) -> int:
+    """The number of the input that acts in the first sample where measurements come late.
+
+    Raises:
+        UserError: one that is not in U.
+    """
+    if sorted(named) != sorted(context.inputs):
+        remedy = f"Give a value for each of {', '.join(context.inputs)}"
+        raise UserError(f"the first input names {', '.join(named)}", key="sensing.first_input", remedy=remedy)
+    off = np.abs(context.input_set - [named[name] for name in context.inputs]).max(axis=1)
+    if off.min() > FIRST_INPUT:
+        raise UserError(f"{named} is not in U", key="sensing.first_input", remedy="Take one of the inputs of domain.U")
+    return int(np.argmin(off))
 
 
 def _swept(context: Context, model: NominalModel, bound: SavedGap | None) -> tuple[Floats, Floats] | None:

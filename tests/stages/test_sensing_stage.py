@@ -97,6 +97,23 @@ def margins_are_those_of_the_definition(case, found, solution):
     check(*about, own, some, 2, np.arange(count), solution.first, reach)
 
 
+@pytest.mark.parametrize(
+    ("first", "says"),
+    [({"u": 0.05}, "sensing.first_input: {'u': 0.05} is not in U"), ({"v": 0.2}, "the first input names v")],
+)
+def test_a_first_input_that_does_not_exist_is_refused_in_one_line(sensed, tmp_path, capsys, first, says):
+    content = yaml.safe_load(sensed.read_text())
+    content["sensing"]["first_input"] = first
+    sensed.write_text(yaml.safe_dump(content))
+    files = ["--out", str(tmp_path / "c.npz"), "--summary", str(tmp_path / "s.json"), "--log", str(tmp_path / "l")]
+    with pytest.raises(SystemExit) as caught:
+        main(["synthesis", str(sensed), *files])
+    assert caught.value.code == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert str(sensed) in line
+    assert says in line
+
+
 def test_sensing_that_leaves_nothing_says_so(sensed, tmp_path, capsys):
     content = yaml.safe_load(sensed.read_text())
     content["sensing"] = {"error": {"x1": 0.15, "x2": 0.4}, "latency": 1}
