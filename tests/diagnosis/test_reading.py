@@ -307,7 +307,7 @@ def test_files_that_are_not_recordings(tmp_path):
     assert "semicolons" not in refusal(tmp_path / "ragged.csv")
     assert "put semicolons between columns" in refusal(tmp_path / "commas.csv")
     (tmp_path / "sheet.csv").write_bytes(b"PK\x03\x04\x14\x00\xff\xfe")
-    assert "is not UTF-8 text" in refusal(tmp_path / "sheet.csv")
+    assert "is a spreadsheet, not text" in refusal(tmp_path / "sheet.csv")
     (tmp_path / "twice.csv").write_text("t,q,q\n0,1,2\n")
     assert "two columns named 'q'" in refusal(tmp_path / "twice.csv")
     assert "none of its columns" in refusal(write(tmp_path / "other.csv", {"t": data["t"], "a": data["q"]}))

@@ -27,6 +27,14 @@ from simgap.late import pyarrow_compute as pc
 from simgap.late import pyarrow_csv as pcsv
 from simgap.reading import JSON_HELD, require_room
 
+_SHEET = ("is a spreadsheet, not text", "Export the sheet as CSV in UTF-8.")
+_OTHERS = {
+    b"PK\x03\x04": _SHEET,  # .xlsx, .ods
+    b"\xd0\xcf\x11\xe0": _SHEET,  # .xls
+    b"\x1f\x8b": ("is compressed (gzip)", "Unpack it (`gunzip`)."),
+    b"SQLite format 3": ("is an SQLite database, as older bags of ROS 2 are", "Make MCAP of it (`ros2 bag convert`)."),
+    b"#ROSBAG": ("is a bag of ROS 1", "Convert it to ROS 2 messages in MCAP."),
+}
 _QUOTED = re.compile(r'"[^"]*"')
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?")
 
@@ -81,13 +89,19 @@ def _first_lines(path: Path) -> tuple[int, str, str, list[str]]:
             elif line.strip():
                 return k + 1, comment, line.rstrip("\r\n"), list(islice(stream, 64))
     except UnicodeDecodeError:
-        raise _not_text() from None
+        raise not_text(path) from None
     raise UserError("is empty", remedy="Check the recording.")
 
 
-def _not_text() -> UserError:
-    remedy = "Save it in UTF-8 or as Parquet; of a bag of ROS make MCAP (`ros2 bag convert`)."
-    return UserError("is not UTF-8 text", remedy=remedy)
+def not_text(path: Path) -> UserError:
+    """Message for a file that is not UTF-8 text, by how it begins."""
+    with reading.opened(path) as stream:
+        start = stream.read(16)
+    problem, remedy = next(
+        (said for magic, said in _OTHERS.items() if start.startswith(magic)),
+        ("is not UTF-8 text", "Save it in UTF-8, or as Parquet."),
+    )
+    return UserError(problem, remedy=remedy)
 
 
 def read_csv_columns(path: Path, layout: CsvLayout, columns: list[str], types: Mapping[str, Any]) -> Any:
@@ -269,7 +283,7 @@ def _line_values(path: Path) -> Iterator[tuple[int, Any]]:
             if line.strip():
                 yield number, _parsed(line, path, number)
     except UnicodeDecodeError:
-        raise _not_text() from None
+        raise not_text(path) from None
 
 
 def _parsed(content: bytes | str, path: Path, number: int | None = None) -> Any:
@@ -284,7 +298,7 @@ def _parsed(content: bytes | str, path: Path, number: int | None = None) -> Any:
         problem = f"line {line}, column {error.colno} is not JSON ({error.msg})"
         raise UserError(problem, remedy=_WRITTEN) from None
     except UnicodeDecodeError:
-        raise _not_text() from None
+        raise not_text(path) from None
     except RecursionError:
         raise UserError("is nested too deeply", remedy=_SHAPE) from None
     except ValueError:  # of Python itself: it reads integers of 4300 digits at most
