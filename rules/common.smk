@@ -7,7 +7,6 @@ from pathlib import Path
 
 from simgap.cache import machine_code
 from simgap.config.load import load_case
-from simgap.config.reads import READS
 from simgap.config.measured import named_recordings
 from simgap.config.run import (
     MARK,
@@ -27,6 +26,7 @@ from simgap.gap.sampling.points import (
 from simgap.io.atomic import host, no_links_below
 from simgap.io.runs import LINKED, RUN, announce, follow_the_run
 from simgap.provenance import (
+    READS,
     code_digest,
     digest,
     file_digest,
@@ -81,7 +81,7 @@ if workflow.is_main_process and kernels is not None and not kernels.is_dir():
 # Snakemake's locks: they go where no run is alive that could hold them.
 RUNNING = []
 if workflow.is_main_process:
-    RUNNING, tidied = announce(Path(), CASES, COMMAND, workflow.snakemake_tmp_dir)
+    RUNNING, tidied = announce(Path(), CASES, COMMAND)
     if tidied:
         sys.stderr.write("simgap: removed the locks of a run that was killed\n")
 for other in RUNNING:

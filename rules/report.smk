@@ -132,23 +132,6 @@ rule report:
         " --out {output.page:q} --summary {output.summary:q} --log {log:q}"
 
 
-# What Rerun's viewer shows of a recording, for a page or a talk: snakemake --cores 1 results/<case>/trace/trace.png
-rule picture:
-    input:
-        "results/{case}/trace/trace.rrd",
-    output:
-        "results/{case}/trace/trace.png",
-    log:
-        "results/{case}/logs/picture.log",
-    resources:
-        mem_mb=2000,
-        runtime=10,
-    message:
-        "{wildcards.case}: picture of its recording"
-    shell:
-        "simgap view {input:q} --picture {output:q} > {log:q} 2>&1"
-
-
 # Cases of other configs have pages too: what they made stays on the index, as it is.
 def made_earlier():
     return [

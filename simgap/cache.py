@@ -10,8 +10,6 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
-from importlib.machinery import SourceFileLoader
-from importlib.util import cache_from_source
 from pathlib import Path
 from typing import IO, Any
 
@@ -107,23 +105,8 @@ def keep_machine_code_by_sources() -> None:
     os.environ["NUMBA_CACHE_DIR"] = str(folder)
 
 
-_get_code = SourceFileLoader.get_code
-
-
-def _mended(self: SourceFileLoader, fullname: str) -> Any:
-    """Byte code that a full disk or a limit has cut is deleted: Python 3.11 would keep it, and fail on it."""
-    try:
-        return _get_code(self, fullname)
-    except (EOFError, ValueError):
-        path = self.get_filename(fullname)
-        with suppress(OSError):  # another process was first, or it may not be deleted
-            os.unlink(cache_from_source(path))
-        return self.source_to_code(self.get_data(path), path)
-
-
 def keep_bytecode() -> None:
     """Write byte code to the cache folder, in this process and its children, if it may not stand beside the sources."""
-    SourceFileLoader.get_code = _mended  # type: ignore[method-assign, assignment]
     folder = cache_folder()
     if sys.dont_write_bytecode and sys.pycache_prefix is None and folder is not None:
         place = str(folder / "bytecode")

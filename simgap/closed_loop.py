@@ -224,10 +224,6 @@ class Judge:
     tolerant: bool = False
     noisy: bool = False
 
-    def verdict(self, run: Run) -> Verdict:
-        """Verdict on a run."""
-        return self.monitor.judge(run, self.steps)
-
     def audit(self, runs: Sequence[Run]) -> GapAudit:
         """All steps of some runs, one under the other, against the bound; periodic states are brought into X."""
         x, u, following = steps_of(runs, self.inputs)
@@ -264,7 +260,7 @@ class Judge:
         outcomes, outside_gamma, kept = list[Outcome](), 0, dict[int, Verdict]()
         promised, broken = self.certificate is not None, False
         following, number = iter(runs), iter(numbers)
-        while batch := [self.verdict(run) for run in islice(following, BATCH)]:
+        while batch := [self.monitor.judge(run, self.steps) for run in islice(following, BATCH)]:
             outside = split_by_run(self.audit([v.run for v in batch]).outside, [v.run for v in batch])
             for verdict, count in zip(batch, outside, strict=True):
                 held, start = self.certified(verdict, count), next(number)

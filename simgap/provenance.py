@@ -2,6 +2,9 @@
 
 The code of a stage is its import closure, which `grimp` finds (imports inside functions too, nothing is imported to
 find them), and the plug-ins that the case uses, which no import shows because they are found by name.
+
+`READS` are the sections of a case that each stage reads: a change elsewhere in the file reruns nothing of it.
+`section.key=value` says that the stage reads no more than whether the key has that value.
 """
 
 from __future__ import annotations
@@ -10,18 +13,16 @@ import ast
 import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
 from functools import cache
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 from simgap import plugins, reading
-from simgap.cache import PACKAGE, cache_folder, sources, whole_file
+from simgap.cache import PACKAGE, recall, remember, sources
 from simgap.config.case import Case
 from simgap.config.named_files import KEYS, FunctionFile, named_by
 from simgap.config.plugged import used_plugins
-from simgap.config.reads import CLOSED_FORM, COPIED, EVERY_EFFECT, OWN_FORMAT, READS, SIMULATED, TRANSLATED
 from simgap.errors import UserError, excerpt
 
 # What the typing of a case file does shows in the sections that are hashed, and what the registry of plug-ins does in
@@ -30,10 +31,87 @@ UNHASHED = (
     "simgap.config.case", "simgap.config.load", "simgap.config.plugged", "simgap.plugins", "simgap.provenance",
     "simgap.lint.costs",
 )  # fmt: skip
-# Distributions that any result may depend on; what a plug-in depends on, it declares.
 MOST_TOLD = 3
 """Keys that a message about another case names."""
+# Distributions that any result may depend on; what a plug-in depends on, it declares.
 SHARED = ("drake", "numpy", "scipy", "sympy", "numba", "clarabel", "cvxpy")
+
+_PLANT = ("plant.urdf", "plant.states", "plant.inputs", "plant.gravity")
+_SIMULATED = ("name", *_PLANT, "plant.symbolic.wheels", "domain", "simulator", "sensing.latency", "sensing.latency_of")
+
+_PREVIOUS = ("hidden_state.previous", "hidden_state.classes")
+_MODEL = ("name", "plant", "domain")
+_HISTORIES = (
+    "hidden_state.length", "hidden_state.chains", "hidden_state.chain_length", "hidden_state.seed",
+    "symmetry.headings", "symmetry.histories", "symmetry.seed",
+)  # fmt: skip
+_COUNTED = ("hidden_state.length", "hidden_state.chains", "hidden_state.chain_length", "symmetry.headings",
+    "symmetry.histories")  # fmt: skip
+# A padding enters the scenario program where it is `inflate`; which of the others it is does not matter there.
+_FIT = (
+    "gap.basis", "gap.objective", "gap.slack", "gap.sides", "gap.padding=inflate",
+)  # fmt: skip
+_RUN = (
+    "domain", "simulator", "twin", "symmetry", "hidden_state", "grid", "gap", "sensing", "synthesis", "validation",
+    "audit",
+)  # fmt: skip
+_TOLERATED = ("gap.tolerated_probability", "gap.noise", "hidden_state.tolerated_probability")
+_JUDGED = ("synthesis.specification", *_TOLERATED)
+_CHAINS = ("hidden_state.length", "hidden_state.chain_length")
+_WHOLE = ("name", "title", "plant", *_RUN, "measured")
+
+READS: Mapping[str, tuple[str, ...]] = {
+    "check": (*_WHOLE, "budget"),
+    "grid": ("name", "plant.states", "plant.inputs", "domain.X", "domain.U", *_PREVIOUS),
+    "rollouts": (*_SIMULATED, "grid.shards", "gap.noise", *_HISTORIES),
+    "fresh": (*_SIMULATED, "gap.fresh_samples", "gap.seed", "hidden_state"),
+    "borders": (*_SIMULATED, "plant", "gap.seed", "gap.noise", "hidden_state"),
+    "scp": (*_MODEL, *_FIT, *_COUNTED, "hidden_state.classes", "simulator.effects", "simulator.urdf"),  # switching
+    "lipschitz": (*_MODEL, "gap.seed", "gap.lipschitz.extreme_value", *_COUNTED),
+    "gap": (*_MODEL, "gap", "hidden_state", "symmetry", "simulator", "sensing.latency", "sensing.latency_of"),
+    "synthesis": ("name", "plant", "domain", "simulator.effects", "synthesis", "sensing"),
+    "validation": ("name", "plant", "domain", "simulator", *_JUDGED, "sensing", "validation"),
+    "audit": ("name", "plant", "domain", "simulator", *_JUDGED, *_CHAINS, "sensing", "validation.steps", "audit"),
+    "certify": (*_MODEL, "simulator", "synthesis", "sensing"),
+    "twin": (*_SIMULATED, "twin"),
+    "paper": _SIMULATED,
+    "rig": _SIMULATED,
+    "trace": ("name", "title", "plant", "domain", "synthesis.specification"),
+    "diagnosis": (*_WHOLE, "budget"),  # the corrected case is a copy of the whole
+    "next": ("name", "plant", "domain", "measured"),
+    "report": (
+        "name",
+        "title",
+        "plant",
+        "domain",
+        "simulator",
+        "twin",
+        "grid.eps",
+        "synthesis.specification",
+        "sensing",
+    ),
+}
+
+COPIED = ("title", "twin", "validation", "audit", "budget")
+"""Sections of which a diagnosis makes no use: it copies them into the corrected case."""
+
+SIMULATED = ("rollouts", "fresh", "rig")
+"""Stages that ask the simulator alone: what the nominal model gains from recordings of it leaves them as they are."""
+
+CONTROLLED = ("synthesis", "gap")
+"""Stages on which whatever runs the gap-aware controller rests."""
+
+CLOSED_FORM = ("scp", "lipschitz")
+"""Stages that read all of the simulator where its engine may know it in closed form."""
+
+OWN_FORMAT = ("scp",)
+"""Stages that read of a simulator's file in its own format where it switches, and not the rest of the simulator."""
+
+EVERY_EFFECT = ("check", "diagnosis", "next", "report")
+"""Stages that try or describe effects which the case does not name."""
+
+TRANSLATED = ("grid", "borders", "scp", "lipschitz", "gap")
+"""Stages that read all of the symmetry where it is a translation: one cell along its states, and shifted samples."""
 
 
 def digest(content: Any) -> str:
@@ -204,22 +282,17 @@ def closure(module: str) -> frozenset[str]:
 def imports() -> dict[str, list[str]]:
     """Imports of each module of the package from it, without `UNHASHED`; found once for sources and then kept."""
     texts = {path.relative_to(PACKAGE).as_posix(): found for path, (found, _) in sources().items()}
-    name, home = digest([texts, UNHASHED, _version("grimp")]), cache_folder()
-    kept = home / "imports" / f"{name}.json" if home is not None else None
-    with suppress(OSError, ValueError, UserError):
-        if kept is not None and kept.exists():
-            return dict(json.loads(reading.read_bytes(kept)))
+    question = digest([texts, UNHASHED, _version("grimp")])
+    known: dict[str, list[str]] | None = recall("imports", question)
+    if known is not None:
+        return known
     import grimp
 
     graph = grimp.build_graph("simgap", cache_dir=None)
     for module in UNHASHED:
         graph.remove_module(module)
     found = {module: sorted(graph.find_modules_directly_imported_by(module)) for module in graph.modules}
-    with suppress(OSError):
-        if kept is not None:
-            kept.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-            with whole_file(kept) as file:
-                file.write(json.dumps(found).encode())
+    remember("imports", question, found)
     return found
 
 

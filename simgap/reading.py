@@ -11,7 +11,6 @@ import hashlib
 import io
 import itertools
 import os
-import re
 import stat
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,7 +18,7 @@ from typing import Any, TextIO
 from xml.etree import ElementTree
 from xml.parsers import expat
 
-from simgap.errors import UserError, excerpt
+from simgap.errors import UserError, excerpt, placed
 
 MOST = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 4
 """Most bytes of a file that is held whole, or unpacked: a quarter of the machine's memory, for readers hold it up to
@@ -32,7 +31,6 @@ DEEPEST_XML = 200
 """Elements within each other; libraries walk them by recursion."""
 _NO_FILE = {errno.ENOENT, errno.ENOTDIR}
 _KINDS = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device"}
-_PROLOG = re.compile(r"\s+|<\?.*?\?>|<!--.*?-->", re.DOTALL)
 
 
 class NotXml(UserError):
@@ -140,13 +138,9 @@ def read_xml(path: Path) -> ElementTree.Element:
 
 def xml_of(data: bytes, path: Path) -> ElementTree.Element:
     """The root of XML that is at hand as bytes, as `read_xml`. Raises UserError, which names `path`."""
-    start, text = 0, _text_of_prolog(data)
-    while found := _PROLOG.match(text, start):
-        start = found.end()
-    if text[start : start + 9].upper() == "<!DOCTYPE":
-        raise UserError("has a document type (<!DOCTYPE>), which is not read", file=path, remedy="Take it out.")
     try:
-        root = _tree(data)
+        with placed(file=path):
+            root = _tree(data)
     except (expat.ExpatError, LookupError, ValueError) as error:  # the others: unknown encodings
         raise NotXml(f"not well-formed XML: {excerpt(error)}", file=path) from None
     level, depth = [root], 0
@@ -163,16 +157,13 @@ def _tree(data: bytes) -> ElementTree.Element:
     parser.buffer_text = True
     parser.StartElementHandler, parser.EndElementHandler = built.start, built.end
     parser.CharacterDataHandler = built.data
+    parser.StartDoctypeDeclHandler = _refuse_document_type
     parser.Parse(data.strip(b"\0\t\n\r ") if data[:1] in b"\t\n\r <" and data[1:2] != b"\0" else data, True)
     return built.close()
 
 
-def _text_of_prolog(data: bytes) -> str:
-    """Text as the parser takes it up to the root: UTF-16 by how it begins, else something that ASCII is part of."""
-    if data[:2] in (b"\xff\xfe", b"\xfe\xff") or 0 in data[:2]:
-        kind = "utf-16-be" if data[:1] in (b"\xfe", b"\x00") else "utf-16-le"
-        return data.decode(kind, "replace").removeprefix("\ufeff")
-    return data.decode("latin-1").removeprefix("\xef\xbb\xbf")
+def _refuse_document_type(*_: object) -> None:
+    raise UserError("has a document type (<!DOCTYPE>), which is not read", remedy="Take it out.")
 
 
 def real(path: Path) -> Path:

@@ -9,9 +9,8 @@ import yaml
 from simgap import plugins, provenance
 from simgap.config.load import load_case
 from simgap.config.named_files import named_by
-from simgap.config.reads import READS
 from simgap.config.run import case_of_rig
-from simgap.provenance import closure, code_digest, sections_digest, versions
+from simgap.provenance import READS, closure, code_digest, sections_digest, versions
 
 WHOLE = {"check", "diagnosis"}  # stages that read every key
 ENGINE = """

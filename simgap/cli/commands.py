@@ -1,6 +1,6 @@
 """Every subcommand: its group in `--help`, what it does, and the function behind it, imported when it is called.
 
-The options of a stage are those of its function (`simgap.stages.arguments`); what a command adds is the log.
+The options of a stage are those of its function (`simgap.stages`); what a command adds is the log.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typer.main import get_command_from_info
 from typer.models import CommandInfo
 
 from simgap.cli.terminal import Log, new_file, new_folder, say, start_log
-from simgap.stages.arguments import Argument
+from simgap.stages import Argument
 
 SNAKEMAKE = {"allow_extra_args": True, "ignore_unknown_options": True}
 _STAGES = "simgap.stages"
@@ -110,8 +110,6 @@ GROUPS: Mapping[str, Mapping[str, Command]] = {
         "reference": Command("simgap.cli.tools:reference"),
     },
 }
-SHOWN = 3
-"""So many groups stand in `simgap --help`; all of them in `simgap --all`."""
 COMMANDS = {name: command for group in GROUPS.values() for name, command in group.items()}
 
 
@@ -183,8 +181,8 @@ class Groups(TyperGroup):
         return list(COMMANDS)
 
     def format_commands(self, ctx: typer.Context, formatter: object) -> None:  # type: ignore[override]
-        """Write the groups that are to be shown."""
-        for title, group in list(GROUPS.items())[: None if ctx.meta.get("all") else SHOWN]:
+        """Write the groups."""
+        for title, group in GROUPS.items():
             rows = [(n, own.help or self.commands[n].get_short_help_str(200)) for n, own in group.items()]
             with formatter.section(title):  # type: ignore[attr-defined]
                 formatter.write_dl(rows)  # type: ignore[attr-defined]
@@ -196,14 +194,6 @@ def _version(wanted: bool) -> None:
         raise typer.Exit
 
 
-def _show_all(context: typer.Context, wanted: bool) -> None:
-    """Callback of `--all`: the help with every group."""
-    if wanted:
-        context.meta["all"] = True
-        say(context.get_help())
-        raise typer.Exit
-
-
 app = typer.Typer(cls=Groups, rich_markup_mode=None, pretty_exceptions_enable=False)
 
 
@@ -211,9 +201,6 @@ app = typer.Typer(cls=Groups, rich_markup_mode=None, pretty_exceptions_enable=Fa
 def options(
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
-    ] = False,
-    everything: Annotated[
-        bool, typer.Option("--all", callback=_show_all, is_eager=True, help="Also list the stages of the workflow.")
     ] = False,
 ) -> None:
     """Measure, bound and close the gap between a robot model, its simulator and its recordings."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shlex
-import shutil
 import signal
 import subprocess
 import sys
@@ -138,7 +137,6 @@ def reference(out: Annotated[Path, typer.Option(help="Folder to write into.")] =
 
 RECORDINGS = ("trace/trace.rrd", "trace.rrd", "residual.rrd", "diagnosis/residual.rrd")
 """Where recordings stand in a folder of results, the first that is there is meant."""
-SIZE, LONGEST = "1600x1000", 180.0  # of a picture, and how long the viewer may take for it, s
 LOOPBACK = "127.0.0.1"  # Rerun's own default is every network that the machine is on
 
 
@@ -148,18 +146,12 @@ def view(
     ],
     web: Annotated[bool, typer.Option("--web", help="In the browser, the default without a display.")] = False,
     only_print: Annotated[bool, typer.Option("--print", help="Print the command and exit.")] = False,
-    picture: Annotated[
-        Path | None, typer.Option(help="Save the viewer's picture as PNG and exit.", callback=new_file)
-    ] = None,
 ) -> None:
     """Open a recording in Rerun's viewer, on this machine only."""
     file = recording_of(what)
-    words = command(file, web or not displayed()) if picture is None else pictured(file, picture)
+    words = command(file, web or not displayed())
     if only_print:
         say(shlex.join(words))
-        return
-    if picture is not None:
-        _take(words, picture)
         return
     others = [str(p) for p in (what / name for name in RECORDINGS) if reading.is_file(p) and p != file]
     say(f"Opening {file}" + (f" (there is also {', '.join(others)})" if others else ""))
@@ -194,44 +186,15 @@ def command(file: Path, web: bool) -> Sequence[str]:
     return [*shown, "--web-viewer"] if web else shown
 
 
-def pictured(file: Path, picture: Path) -> Sequence[str]:
-    """Words of a command that writes a picture of a recording, on a display in memory where there is no other.
-
-    Raises:
-        UserError: there is no display and nothing to make one with.
-    """
-    shown = [*command(file, web=False), "--window-size", SIZE, "--screenshot-to", str(picture)]
-    if displayed():
-        return shown
-    if shutil.which("xvfb-run") is None:
-        remedy = "Debian and Ubuntu: apt install xvfb xauth mesa-vulkan-drivers."
-        raise UserError("there is no display here, nor Xvfb to make one in memory", key="--picture", remedy=remedy)
-    # The pointer stands in the middle of the screen: outside the window, so that it hovers over nothing.
-    return ["env", "WGPU_BACKEND=vulkan", "xvfb-run", "-a", "-s", "-screen 0 3600x2400x24", *shown]
-
-
-def _take(words: Sequence[str], picture: Path) -> None:
-    """Write a picture.
-
-    Raises:
-        UserError: the viewer has written none.
-    """
-    before = picture.stat().st_mtime_ns if picture.exists() else None
-    _until_closed(words, LONGEST)
-    if not picture.exists() or picture.stat().st_mtime_ns == before:
-        remedy = f"Run it to see why: {shlex.join(words)}"
-        raise UserError("the viewer did not write a picture", file=picture, remedy=remedy)
-
-
-def _until_closed(words: Sequence[str], longest: float | None = None) -> int:
-    """Run the viewer to its end, or for so many seconds: -> its status. A wrapper starts it, so its group is ended."""
+def _until_closed(words: Sequence[str]) -> int:
+    """Run the viewer to its end: -> its status. A wrapper starts it, so its group is ended."""
     try:
         viewer = subprocess.Popen(words, start_new_session=True)
     except FileNotFoundError:
         raise UserError("Rerun's viewer is not installed", key=words[0], remedy="pip install rerun-sdk") from None
     try:
-        return viewer.wait(longest)
-    except (KeyboardInterrupt, subprocess.TimeoutExpired):
+        return viewer.wait()
+    except KeyboardInterrupt:
         return 0
     finally:
         with suppress(ProcessLookupError):

@@ -253,8 +253,8 @@ _CONTROLLED = ("validation", "audit", "report")
 """Rules that begin when the controllers are there."""
 _BOUNDED = ("synthesis", *_CONTROLLED)
 """Rules that begin when the bound is there: what lies in the folder is that of this run."""
-_BESIDE = ("check", "trace", "picture")
-"""Rules whose failure has no page: `check` refuses the case in a line, on the others no page depends."""
+_BESIDE = ("check", "trace")
+"""Rules whose failure has no page: `check` refuses the case in a line, on the other no page depends."""
 _FAILED = re.compile(r"^Error in rule ([^:]+):$", re.MULTILINE)
 _LOG = re.compile(r"^    log: ([^,\n]+?)(?: \(check log file|,|$)", re.MULTILINE)
 _ERROR = re.compile(r"^\S+ \S+ ERROR (.+)$", re.MULTILINE)

@@ -31,17 +31,6 @@ ABOVE = 5
 """Folders in which PyBullet looks for a package, the model's own among them."""
 
 
-def named_files(section: Any) -> Iterator[tuple[str, str]]:
-    """Key and relative path of the model files that a section names, those of `twin.of` included."""
-    if not isinstance(section, Mapping):
-        return
-    for key in KEYS:
-        if isinstance(section.get(key), str):
-            yield key, section[key]
-    if isinstance(section.get("of"), Mapping):
-        yield from ((f"of.{key}", path) for key, path in named_files(section["of"]))
-
-
 def named_by(model: Path) -> Iterator[tuple[str, Path]]:
     """Files that a model file names in turn, such as meshes, as far as they are there: how it does, and where they lie.
 
@@ -118,10 +107,9 @@ def move_files(content: dict[str, Any], moved: Callable[[str], str]) -> None:
     """Rewrite in a case's content the relative paths of its model files."""
     twin = content.get("twin")
     for section in (content.get("plant"), content.get("simulator"), twin.get("of") if isinstance(twin, dict) else None):
-        for key, path in list(named_files(section)):
-            assert isinstance(section, dict)
-            if not key.startswith("of."):
-                section[key] = moved(path)
+        for key in KEYS:
+            if isinstance(section, dict) and isinstance(section.get(key), str):
+                section[key] = moved(section[key])
 
 
 KEY = "simulator.function"

@@ -12,7 +12,7 @@ import hashlib
 import itertools
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -88,12 +88,10 @@ class Sweep(Section):
     """Case file, relative to the sweep file."""
     title: str = ""
     """Title of the page."""
-    mode: Literal["grid", "zip", "list"] = "grid"
-    """grid: every combination. zip: the first values, the second ones, ... list: the `points`, one by one."""
-    axes: dict[str, tuple[Any, ...]] = Field(default_factory=dict)
+    mode: Literal["grid", "zip"] = "grid"
+    """grid: every combination. zip: the first values, the second ones, ..."""
+    axes: dict[str, tuple[Any, ...]] = Field(min_length=1)
     """Values by dotted key of the case, such as gap.basis or synthesis.cells."""
-    points: tuple[dict[str, Any], ...] = ()
-    """mode list: for each point its values by dotted key; other keys stay as they are."""
 
 
 @dataclass(frozen=True)
@@ -132,36 +130,21 @@ def points_of_sweep(path: Path) -> list[Point]:
         remedy = "Rename it: lower-case letters, digits, and single - or _ between them, such as basis.yaml."
         raise UserError("the file's name is that of the sweep and of a folder", file=path, remedy=remedy)
     sweep = load_sweep(path)
-    listed = sweep.mode == "list"
-    if bool(sweep.axes) == listed or bool(sweep.points) != listed:
-        raise UserError(
-            f"mode {sweep.mode} has {'points and no axes' if listed else 'axes and no points'}", file=path, key="mode",
-            remedy="Give `points:` with mode list, `axes:` with grid or zip.",
-        )  # fmt: skip
     if sweep.mode == "zip" and len({len(values) for values in sweep.axes.values()}) > 1:
         raise UserError("zipped axes have different lengths", file=path, key="axes", remedy="Give each as many values.")
-    rows = list(itertools.islice(_values(sweep), MOST_POINTS + 1))
+    values = sweep.axes.values()
+    together = itertools.product(*values) if sweep.mode == "grid" else zip(*values, strict=True)
+    rows = [dict(zip(sweep.axes, row, strict=True)) for row in itertools.islice(together, MOST_POINTS + 1)]
     if not 0 < len(rows) <= MOST_POINTS:
         problem = "there is no point" if not rows else f"there are more than {MOST_POINTS} points"
         raise UserError(problem, file=path, key="axes", remedy="Give other values.")
     if any(row in rows[:k] for k, row in enumerate(rows)):
-        raise UserError("a point appears twice", file=path, key="points" if listed else "axes")
+        raise UserError("a point appears twice", file=path, key="axes")
     base = path.parent / sweep.case
     content = case_content(base)
     parse_case(copy.deepcopy(content), base)  # a mistake of its own is told with its own file
     content.pop("measured", None)
     return [_point(path, base, content, row) for row in rows]
-
-
-def _values(sweep: Sweep) -> Iterator[dict[str, Any]]:
-    """The values of each point by dotted key."""
-    if sweep.mode == "list":
-        yield from (dict(point) for point in sweep.points)
-        return
-    together = (
-        itertools.product(*sweep.axes.values()) if sweep.mode == "grid" else zip(*sweep.axes.values(), strict=True)
-    )
-    yield from (dict(zip(sweep.axes, row, strict=True)) for row in together)
 
 
 def _point(path: Path, base: Path, content: dict[str, Any], values: dict[str, Any]) -> Point:

@@ -59,9 +59,7 @@ def read_json(path: Path) -> dict[str, Any]:
     """
     try:
         data = reading.read_bytes(path, MOST)
-        content = json.loads(
-            data.decode(), object_pairs_hook=_distinct, parse_constant=_no_constant, parse_float=_finite
-        )
+        content = json.loads(data.decode())
     except FileNotFoundError:
         raise UserError("the file does not exist", file=path, remedy="Run the stage that makes it.") from None
     except (OSError, ValueError, RecursionError) as error:
@@ -73,26 +71,6 @@ def read_json(path: Path) -> dict[str, Any]:
         problem = "damaged: the checksum does not fit the content, which was changed after it was written"
         raise UserError(problem, file=path, remedy=REMEDY)
     return content
-
-
-def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    content = dict(pairs)
-    if len(content) < len(pairs):
-        known: set[str] = set()
-        twice = next(key for key, _ in pairs if key in known or known.add(key))  # type: ignore[func-returns-value]
-        raise ValueError(f"the key {excerpt(repr(twice))} appears twice")
-    return content
-
-
-def _finite(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
-        raise ValueError(f"{excerpt(text, 40)} is too large a number")
-    return value
-
-
-def _no_constant(name: str) -> Any:
-    raise ValueError(f"{name} is not a JSON number")
 
 
 def table(

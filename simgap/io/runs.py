@@ -21,7 +21,6 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from tempfile import gettempdir
 
 from simgap import reading
 from simgap.errors import UserError, excerpt
@@ -31,14 +30,6 @@ LINKED = ("conda", "conda-archive", "shadow", "singularity")
 """Folders of `.snakemake` in which Snakemake itself makes links."""
 
 
-def _remove_temporary(folder: Path) -> None:
-    """Remove a folder that Snakemake made, and no other: the file that names it may come from a stranger."""
-    own = folder.parent == Path(gettempdir()) and re.fullmatch(r"snakemake[a-z0-9_]{8}", folder.name)
-    with suppress(OSError):
-        if own and not folder.is_symlink() and folder.stat().st_uid == os.getuid():
-            shutil.rmtree(folder)
-
-
 RUNS = Path(".snakemake/simgap/runs")
 _HELD: list[int] = []
 """Open descriptors: they carry the locks until this process ends."""
@@ -46,7 +37,7 @@ _HELD: list[int] = []
 
 @dataclass(frozen=True)
 class WorkflowRun:
-    """A run: its cases, process, machine, beginning (local time), command, and the folder that Snakemake removes.
+    """A run: its cases, process, machine, beginning (local time) and command.
 
     `alive` is None where a machine that is not this one may have it: its processes do not show here.
     """
@@ -56,7 +47,6 @@ class WorkflowRun:
     machine: str
     since: str
     command: str
-    temporary: str = ""
     alive: bool | None = True
 
     def __str__(self) -> str:
@@ -68,19 +58,14 @@ class WorkflowRun:
         )
 
 
-def announce(
-    folder: Path, cases: Sequence[str], command: str, temporary: Path | None = None
-) -> tuple[list[WorkflowRun], bool]:
+def announce(folder: Path, cases: Sequence[str], command: str) -> tuple[list[WorkflowRun], bool]:
     """Say that this process is a run of these cases in `folder`, and tidy up after runs that were killed.
-
-    Args:
-        temporary: the folder that Snakemake removes when it ends well; the next run does so where it does not.
 
     Returns:
         The other runs there that are alive, and whether locks of Snakemake's were removed.
     """
     began, tidied = time.strftime("%Y-%m-%d %H:%M:%S"), False
-    own = WorkflowRun(list(cases), os.getpid(), platform.node(), began, command, str(temporary or ""))
+    own = WorkflowRun(list(cases), os.getpid(), platform.node(), began, command)
     with suppress(OSError):  # a folder that takes no file or no lock: Snakemake says what is wrong with it
         (folder / RUNS).mkdir(parents=True, exist_ok=True)
         one_at_a_time = os.open(folder / RUNS / "lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
@@ -103,8 +88,7 @@ def _tidy(folder: Path) -> bool:
     known = {path: run for path, run in _records(folder).items() if run is not None}
     if any(run.alive or (left and run.alive is None) for run in known.values()) or (left and not known):
         return False
-    for path, run in known.items():
-        _remove_temporary(Path(run.temporary))
+    for path in known:
         path.unlink(missing_ok=True)
     if left:
         shutil.rmtree(locks)
@@ -190,7 +174,9 @@ def _one(results: Path, path: Path) -> JobTime:
     try:
         with reading.opened_text(path, newline="") as stream:
             row = list(csv.DictReader(stream, delimiter="\t"))[-1]
-        wall, cpu, memory = (_number(row[key]) for key in ("s", "cpu_time", "max_rss"))
+        given = (row[key] for key in ("s", "cpu_time", "max_rss"))
+        # - and NA: a job that ended before Snakemake looked
+        wall, cpu, memory = (0.0 if text in ("-", "NA") else float(text) for text in given)
         ended = path.stat().st_mtime
     except (KeyError, IndexError, ValueError, csv.Error) as error:
         remedy = "Delete it and run again."
@@ -199,10 +185,6 @@ def _one(results: Path, path: Path) -> JobTime:
     cpu = cpu if logged is None else logged
     case = path.parents[1].relative_to(results)
     return JobTime(str(case) if case.parts else reading.real(results).name, path.stem, wall, cpu, memory * 2**20, ended)
-
-
-def _number(text: str) -> float:
-    return 0.0 if text in ("-", "NA") else float(text)  # a job that ended before Snakemake looked
 
 
 COST_LINE = "spent %.2f s of CPU time, with its processes"

@@ -14,16 +14,13 @@ from simgap.specifications.space import Space
 from simgap.synthesis.abstraction.intersample import Flow, enough, excursion, flow_of
 from simgap.synthesis.games.game import one_input_only
 
-ASKS_FOR_NONE = "no_controller"
-"""Key of the case, and of the finding, which says that a run ends with the bound, and why."""
-
 
 def find_no_controller(context: Context) -> list[Finding]:
     """A finding where the case says why it asks for no controller, as a new one does for which none was found."""
     why, _, remedy = context.case.no_controller.partition(". ")
     if context.case.synthesis is not None or not why:
         return []
-    return [Finding(ASKS_FOR_NONE, f"a run ends with the bound: {why}", remedy)]
+    return [Finding("no_controller", f"a run ends with the bound: {why}", remedy)]
 
 
 def refuse_specification(context: Context) -> None:

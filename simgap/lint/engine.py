@@ -35,8 +35,6 @@ from simgap.simulators.findings import model_file_findings
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.wheeled import WheeledEngine
 
-BOLTED = "plant.urdf"
-"""Key of the finding that a base is held which the file does not hold."""
 SAID, REFUSED = 0.02, 1.5
 """Share by which a size may differ from the file's unsaid (a worn tyre, calibrated), and the factor beyond which it is
 a slip of the pen. Judgement."""
@@ -47,7 +45,7 @@ def find_bolted_base(context: Context) -> Iterator[Finding]:
     urdf = context.case.plant.urdf
     if urdf is not None and (base := base_of(reading.read_xml(context.folder / urdf))).kind != "fixed":
         yield Finding(
-            BOLTED, f"{base.words}, and here its base is bolted to the world, in the model and in the engine",
+            "plant.urdf", f"{base.words}, and here its base is bolted to the world, in the model and in the engine",
             "Leave it for a robot on a stand; one that stands or drives needs equations of its own.",
         )  # fmt: skip
 

@@ -17,7 +17,6 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.errors import Finding, UserError
 from simgap.late import sympy as sp
-from simgap.lint.costs import StageCost, affordable
 from simgap.model.sampled import RungeKutta
 from simgap.model.symbolic import kinds, symbol
 from simgap.notation import pretty_unit
@@ -124,8 +123,6 @@ HOPELESS = 100.0
 HARDLY = 1e-4
 """Width of X in one step at most, from all of X and U, below which a state hardly moves: 10,000 cells would not see it.
 Judgement: of the shipped cases the least is .006."""
-LEADS = 0.5
-"""Power with which a parameter acts on how far a state moves, from which on it is named. Judgement."""
 DRAWN, MOST_INPUTS, LONGEST_RULE = 200, 16, 20_000
 
 
@@ -162,40 +159,15 @@ def find_long_steps(context: Context) -> Iterator[Finding]:
                 "times the width of X, from most of X and U"
             )
             if usual > HOPELESS * width:
-                remedy = f"Look at the units of tau, X and U, and at parameters{_leading(context, j, x, u)}."
+                remedy = "Look at the units of tau, X and U, and at parameters."
                 raise UserError(problem, key="domain.tau", remedy=remedy)
             yield Finding("domain.tau", problem, "Shorten tau (is it in seconds?), or enlarge X")
         elif float(most := moved[:, j].max()) < HARDLY * width:
             problem = (
                 f"{name} moves by at most {most / width:.2g} of the width of X in one sampling time of {model.tau:g} s"
             )
-            remedy = f"Look at the units of tau and X, and at parameters{_leading(context, j, x, u)}; or lengthen tau"
+            remedy = "Look at the units of tau and X, and at parameters; or lengthen tau"
             yield Finding("domain.tau", problem, remedy)
-
-
-def _leading(context: Context, j: int, x: Floats, u: Floats) -> str:
-    """The parameters of written equations with which the rate of state j grows or falls, as an addition to a remedy."""
-    if context.case.plant.symbolic is None:
-        return ""
-    plant = context.plant.declared
-    names = [*plant.state_names, *plant.input_names]
-    order = [names.index(n) for n in (*context.states, *context.inputs) if n in names]
-    if len(order) != len(names) or context.states[j] not in plant.state_names:
-        return ""
-    at = np.empty((len(names), len(x)))
-    at[order] = np.concatenate([x, u], axis=1).T
-    values = {name: p.value for name, p in plant.parameters.items()}
-    rate = sp.lambdify([*map(symbol, (*names, *values))], plant.xdot[plant.state_names.index(context.states[j])])
-    with np.errstate(all="ignore"):
-        usual = float(np.median(np.abs(rate(*at, *values.values()))))
-        twice = {
-            name: float(np.median(np.abs(rate(*at, *(values | {name: 2.0 * value}).values()))))
-            for name, value in values.items()
-        }
-        powers = {name: math.log2(v / usual) for name, v in twice.items() if v > 0.0 and usual > 0.0}
-    leading = sorted((n for n, p in powers.items() if abs(p) >= LEADS), key=lambda n: -abs(powers[n]))
-    own = [f"{n} = {values[n]:g} {pretty_unit(plant.parameters[n].unit)}".rstrip() for n in leading]
-    return f", first at {' and '.join(own)}" if own else ""
 
 
 _PURE_NUMBERS = frozenset(Fraction(a, b) for a in range(-6, 7) for b in (1, 2, 3, 4, 6, 12))
@@ -302,21 +274,6 @@ def find_degrees(context: Context, joints: Mapping[str, FileJoint]) -> Iterator[
     """
     if context.case.domain is not None:
         yield from filter(None, (_angle(context, joints, name) for name in context.states))
-
-
-def affordable_or_degrees(context: Context, found: list[StageCost]) -> None:
-    """Hold the costs against the budget; where X looks like degrees, that is the reason to be told.
-
-    Raises:
-        UserError: as `affordable` does.
-    """
-    try:
-        affordable(context, found)
-    except UserError as error:
-        for first in find_degrees(context, {}):
-            problem = f"{first.problem}; as it stands, {error.problem}"
-            raise UserError(problem, key=first.key, remedy=f"{first.remedy}, and then {error.key}.") from None
-        raise
 
 
 def _angle(context: Context, joints: Mapping[str, FileJoint], name: str) -> Finding | None:

@@ -35,7 +35,10 @@ def check_measured(context: Context) -> None:
         if section.time.unit is not None:
             with placed(key="measured.time.unit", remedy="Use s, ms, us or ns."):
                 conversion(section.time.unit, "s")
-        _refuse_effects(section)
+        for k, name in enumerate(section.effects):
+            if name not in EFFECTS:
+                problem, remedy = f"there is no effect '{name}'", nearest(name, EFFECTS)
+                raise UserError(problem, key=f"measured.effects.{k}", remedy=remedy)
         refuse_unknown(section, model)
         _refuse_conditions(section, model)
         refuse_links(context, section)
@@ -83,12 +86,6 @@ def find_missing_coordinates(context: Context) -> Iterator[Finding]:
         )
 
 
-def _refuse_effects(section: MeasuredSection) -> None:
-    for k, name in enumerate(section.effects):
-        if name not in EFFECTS:
-            raise UserError(f"there is no effect '{name}'", key=f"measured.effects.{k}", remedy=nearest(name, EFFECTS))
-
-
 def refuse_unknown(section: MeasuredSection, model: SymbolicModel) -> None:
     """Names under `measured.known` that are none of the plant's parameters.
 
@@ -114,13 +111,20 @@ def _refuse_conditions(section: MeasuredSection, model: SymbolicModel) -> None:
 
 
 def refuse_links(context: Context, section: MeasuredSection) -> None:
-    """An arm's payloads hang on links that a joint moves."""
-    tree = context.plant.tree
-    if tree is not None and not context.plant.declared.derived:
-        refuse_arm_conditions(section)
+    """An arm's payloads hang on links that a joint moves; nothing in its regression differs from file to file.
+
+    Raises:
+        UserError: naming the key.
+    """
+    tree = None if context.plant.declared.derived else context.plant.tree
+    for key in ("conditions", "conditions_from") if tree is not None else ():
+        if getattr(section, key):
+            problem = "a diagnosis of three joints or more knows no such conditions"
+            remedy = "Remove them; weights that were mounted can be named under measured.payloads."
+            raise UserError(problem, key=f"measured.{key}", remedy=remedy)
     if not section.payloads:
         return
-    if tree is None or context.plant.declared.derived:
+    if tree is None:
         problem = "payloads are found on arms of three joints or more alone"
         remedy = "Remove them; what differs from file to file can be named under measured.conditions."
         raise UserError(problem, key="measured.payloads", remedy=remedy)
@@ -130,19 +134,6 @@ def refuse_links(context: Context, section: MeasuredSection) -> None:
                 f"no joint moves a link '{payload.link}'", key=f"measured.payloads.{k}.link",
                 remedy=f"Moving links: {', '.join(tree.links)}.",
             )  # fmt: skip
-
-
-def refuse_arm_conditions(section: MeasuredSection) -> None:
-    """The joints of an arm are regressed on torques: nothing there takes parameters that differ from file to file.
-
-    Raises:
-        UserError: naming the key.
-    """
-    for key in ("conditions", "conditions_from"):
-        if getattr(section, key):
-            problem = "a diagnosis of three joints or more knows no such conditions"
-            remedy = "Remove them; weights that were mounted can be named under measured.payloads."
-            raise UserError(problem, key=f"measured.{key}", remedy=remedy)
 
 
 def _refuse_columns(context: Context, section: MeasuredSection, channels: Sequence[Channel], path: Path) -> None:
@@ -159,13 +150,11 @@ def _refuse_columns(context: Context, section: MeasuredSection, channels: Sequen
 
 def _refuse_other_files(section: MeasuredSection, files: Sequence[str]) -> None:
     """Refuse what the case says of a file that is none of its recordings: it would be passed over in silence."""
-    for key, name in _files_spoken_of(section):
+    spoken_of = {f"masks.{k}.file": m.file for k, m in enumerate(section.masks) if m.file is not None}
+    spoken_of |= {f"conditions.{k}.file": c.file for k, c in enumerate(section.conditions)}
+    spoken_of |= {f"payloads.{k}.file": p.file for k, p in enumerate(section.payloads)}
+    spoken_of |= {f"held_out.files.{k}": name for k, name in enumerate(section.held_out.files)}
+    for key, name in spoken_of.items():
         if not any(same_file(name, file) for file in files):
-            raise UserError(f"'{name}' is not among the data", key=key, remedy=f"Name one of {', '.join(files)}.")
-
-
-def _files_spoken_of(section: MeasuredSection) -> Iterator[tuple[str, str]]:
-    yield from ((f"measured.masks.{k}.file", m.file) for k, m in enumerate(section.masks) if m.file is not None)
-    yield from ((f"measured.conditions.{k}.file", c.file) for k, c in enumerate(section.conditions))
-    yield from ((f"measured.payloads.{k}.file", p.file) for k, p in enumerate(section.payloads))
-    yield from ((f"measured.held_out.files.{k}", name) for k, name in enumerate(section.held_out.files))
+            remedy = f"Name one of {', '.join(files)}."
+            raise UserError(f"'{name}' is not among the data", key=f"measured.{key}", remedy=remedy)

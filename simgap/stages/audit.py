@@ -9,7 +9,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Never
 
 import numpy as np
 
@@ -27,7 +27,6 @@ from simgap.attack.worst_step import (
 )
 from simgap.config.case import Case
 from simgap.config.controller import AuditSection, Trials
-from simgap.config.reads import CONTROLLED
 from simgap.errors import BrokenPromise
 from simgap.gap.bounds.function import GapFunction
 from simgap.gap.bounds.load import from_json
@@ -38,11 +37,11 @@ from simgap.io.controller_file import load_controller_of
 from simgap.io.gap_file import SavedGap, load_gap
 from simgap.io.results import table, write_json, write_parquet
 from simgap.plants.context import Context
+from simgap.provenance import CONTROLLED
 from simgap.simulators.process import engine_pool
 from simgap.simulators.rollouts import make_simulator
 from simgap.specifications.solution import Solution
-from simgap.stages import log
-from simgap.stages.arguments import CasePath, Gap, HowMany, Option, Out, Shards, Workers
+from simgap.stages import CasePath, Gap, HowMany, Option, Out, Shards, Workers, log
 from simgap.stages.gap_inputs import read_samples
 from simgap.stages.validation import tolerated_share
 from simgap.synthesis.margins import CAUSES, LARGEST_FACTOR, NOTHING, Margins, margins_of
@@ -174,17 +173,27 @@ def run(
     content = counts(found, loops, context.states, noise) | {"margins": summary(context, margins), "provenance": record}
     if isinstance(margins, str):
         content |= {"no_margins": margins}
-    for number, witness in enumerate(one_of_each_kind(witnesses), 1):
-        _keep(context, case_path, bound, witness, _numbered(out.witness, number))
+    kinds = one_of_each_kind(witnesses)
+    for number, witness in enumerate(kinds, 1):  # witness.json, witness-2.json, ...
+        name = f"{out.witness.stem}-{number}{out.witness.suffix}" if number > 1 else out.witness.name
+        _keep(context, case_path, bound, witness, out.witness.with_name(name))
     _write_margins(context, margins, out.margins, record)
     write_json(out.counts, content | {"witnesses": [w.what for w in witnesses]})
     log.info("%s", _summary(content))
     tolerated = noise is None and tolerated_share(context.case) > 0
     if loops[DISTURBANCE].violations or (content["violations"] and not tolerated):
-        raise BrokenPromise(
-            f"the adversary broke it: {_summary(content)}; the first: {witnesses[0].what}",
-            f"`simgap replay {out.witness}` shows it{_beside(witnesses)}. {_remedy(found)}",
-        )
+        _break(content, found, kinds, out.witness)
+
+
+def _break(content: Mapping[str, Any], found: SearchRecord, kinds: Sequence[Witness], witness: Path) -> Never:
+    beside = f", and {len(kinds) - 1} of other kinds beside it" if len(kinds) > 1 else ""
+    remedy = "The bound held: the fault is in the abstraction or in the specification."
+    if found.violations:
+        remedy = "The bound does not cover the simulator: use a smaller eps, or longer histories."
+    raise BrokenPromise(
+        f"the adversary broke it: {_summary(content)}; the first: {kinds[0].what}",
+        f"`simgap replay {witness}` shows it{beside}. {remedy}",
+    )
 
 
 def _write_margins(context: Context, margins: Margins | str, path: Path, record: Mapping[str, Any]) -> None:
@@ -193,17 +202,6 @@ def _write_margins(context: Context, margins: Margins | str, path: Path, record:
     if not isinstance(margins, str):
         columns = {"factor": margins.factor, "loses_by": margins.loses_by}
     write_parquet(path, table(columns, {}, {"case": context.case.name}, record))
-
-
-def _beside(witnesses: Sequence[Witness]) -> str:
-    others = len(one_of_each_kind(witnesses)) - 1
-    return f", and {others} of other kinds beside it" if others else ""
-
-
-def _remedy(found: SearchRecord) -> str:
-    if found.violations:
-        return "The bound does not cover the simulator: use a smaller eps, or longer histories."
-    return "The bound held: the fault is in the abstraction or in the specification."
 
 
 def _shared(
@@ -277,11 +275,6 @@ def one_of_each_kind(witnesses: Sequence[Witness]) -> list[Witness]:
     for witness in witnesses:
         first.setdefault((witness.kind, witness.plant, witness.end, str(len(witness.inputs) == 0)), witness)
     return list(first.values())
-
-
-def _numbered(path: Path, number: int) -> Path:
-    """`witness.json`, `witness-2.json`, ..."""
-    return path if number == 1 else path.with_name(f"{path.stem}-{number}{path.suffix}")
 
 
 def _keep(context: Context, case_path: Path, bound: SavedGap, witness: Witness, out: Path) -> None:

@@ -9,8 +9,7 @@ from simgap.gap.sampling.borders import border_states, parts_of, roll_out_border
 from simgap.gap.sampling.points import covering_grid, own_point
 from simgap.plants.context import Context
 from simgap.simulators.process import run_in_processes
-from simgap.stages import log
-from simgap.stages.arguments import CasePath, Out, Point
+from simgap.stages import CasePath, Out, Point, log
 from simgap.stages.gap_inputs import write_rollouts
 
 

@@ -76,9 +76,7 @@ def run(
     with context.blame():
         tell_user = tell or (lambda words: None)
         if case.domain is not None:
-            first = costs(context)
-            equations.affordable_or_degrees(context, first)  # before anything that would build what is too large
-            tell_user(_outlook(first))
+            affordable(context, costs(context))  # before what is too large would be built
         file = engine.model_file(context)
         of_angles = list(equations.find_degrees(context, file.joints if file is not None else {}))
         tell_user(f"building the nominal model of {len(context.states)} states")
@@ -104,36 +102,15 @@ def run(
     return result
 
 
-def _outlook(found: list[StageCost]) -> str:
-    """One line about what a run will compute, before anything is built: the largest count and all seconds."""
-    held = [cost for cost in found if not cost.at_most]
-    if not held:
-        return "nothing long to compute"
-    most = max(held, key=lambda cost: cost.seconds)
-    seconds = duration(sum(c.seconds for c in held))
-    return f"about {seconds} of CPU time in all{_at_most(found)}, most of it {most.count:,} {most.of}"
-
-
-def _at_most(found: list[StageCost]) -> str:
-    """Words for what comes on top of a total: stages that usually end earlier than their count says."""
-    return "".join(f" and at most {duration(c.seconds)} more for {c.stage}" for c in found if c.at_most)
-
-
-_PREMISES = {
-    engine.BOLTED: " for a base that is bolted to the world",
-    controller.ASKS_FOR_NONE: " for a bound without a controller",
-}
-
-
 def conclusion(checked: Checked, case: Path) -> str:
     """One line about what follows from a check: what a run will take and how it is begun."""
     held = [cost for cost in checked.costs if not cost.at_most]
-    premise = "".join(words for key, words in _PREMISES.items() if any(f.key == key for f in checked.findings))
     if not held:
-        return f"The case is in order{premise}. simgap diagnose {case} takes recordings."
+        return f"The case is in order. simgap diagnose {case} takes recordings."
     seconds, most = sum(cost.seconds for cost in held), max(cost.bytes for cost in checked.costs)
+    more = "".join(f" and at most {duration(c.seconds)} more for {c.stage}" for c in checked.costs if c.at_most)
     return (
-        f"The case is in order{premise}. A run takes about {duration(seconds)} of CPU time{_at_most(checked.costs)}, "
+        f"The case is in order. A run takes about {duration(seconds)} of CPU time{more}, "
         f"and {size(most)}: simgap run {case}"
     )
 

@@ -13,8 +13,7 @@ from simgap.plants.context import Context
 from simgap.simulators.body_samples import joined
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import along_sequences, roll_out
-from simgap.stages import log
-from simgap.stages.arguments import CasePath, Out, Workers
+from simgap.stages import CasePath, Out, Workers, log
 from simgap.stages.gap_inputs import write_rollouts
 
 

@@ -3,35 +3,26 @@
 from __future__ import annotations
 
 import resource
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 from simgap.gap.checked_bound import Made, gap, seeds
 from simgap.io.results import table, write_json, write_parquet
 from simgap.plants.context import Context
-from simgap.stages import log
-from simgap.stages.arguments import Borders, CasePath, Grid, Option, Out, Shards
+from simgap.stages import Borders, CasePath, Grid, Option, Out, Shards, log
 from simgap.stages.gap_inputs import Rolled, blame_shards, points_of_case, read_dimensions, read_samples
-
-
-@dataclass(frozen=True)
-class GapFiles:
-    """Files that the stages before this one wrote."""
-
-    grid: Grid
-    rollouts: Shards
-    scp: Annotated[Path, Option("Scenario programs.")]
-    lipschitz: Annotated[Path, Option("Lipschitz estimates.")]
-    fresh: Annotated[Path, Option("Fresh samples to check the bound on.")]
-    borders: Borders = None
 
 
 def run(
     case_path: CasePath,
-    made: GapFiles,
+    grid: Grid,
+    rollouts: Shards,
+    scp: Annotated[Path, Option("Scenario programs.")],
+    lipschitz: Annotated[Path, Option("Lipschitz estimates.")],
+    fresh: Annotated[Path, Option("Fresh samples to check the bound on.")],
     out: Out,
     thinned: Annotated[Path, Option("File for thinned samples, for pictures (Parquet).", "--samples")],
+    borders: Borders = None,
 ) -> None:
     """Put the dimensions together, check the bound on the fresh samples, write it and a few samples for pictures.
 
@@ -41,16 +32,16 @@ def run(
             violations than the case tolerates.
     """
     context = Context.load(case_path)
-    with context.blame(), blame_shards(made.rollouts):
+    with context.blame(), blame_shards(rollouts):
         context.plant.check_with_drake(context.box, context.input_set)
-        points = points_of_case(context, made.grid)
+        points = points_of_case(context, grid)
         content = Made(
             points,
-            read_dimensions(context, "scp", points.name, made.scp),
-            read_dimensions(context, "lipschitz", points.name, made.lipschitz),
-            Rolled(context, made.rollouts),
-            read_samples(context, made.fresh, "fresh"),
-            read_samples(context, made.borders, "borders") if made.borders else None,
+            read_dimensions(context, "scp", points.name, scp),
+            read_dimensions(context, "lipschitz", points.name, lipschitz),
+            Rolled(context, rollouts),
+            read_samples(context, fresh, "fresh"),
+            read_samples(context, borders, "borders") if borders else None,
         )
         bound = gap(context, content)
     log.info("%s", bound.check.tier.text)

@@ -19,8 +19,7 @@ from simgap.gap.sampling.points import (
 )
 from simgap.lint.costs import affordable, costs
 from simgap.plants.context import Context
-from simgap.stages import log
-from simgap.stages.arguments import CasePath, Option
+from simgap.stages import CasePath, Option, log
 from simgap.stages.gap_inputs import write_points
 
 

@@ -13,8 +13,7 @@ from simgap.io.atomic import write_text
 from simgap.io.pages import render
 from simgap.io.results import read_json
 from simgap.report.tables import overview
-from simgap.stages import log
-from simgap.stages.arguments import Option, Out
+from simgap.stages import Option, Out, log
 
 PICTURE = "picture.png"
 

@@ -14,7 +14,7 @@ from simgap.gap.sampling.symmetry import SymmetryDeviation
 from simgap.gap.sampling.values import Room, in_memory
 from simgap.io.arrays_on_disk import room_in
 from simgap.plants.context import Context
-from simgap.stages.arguments import CasePath, Grid, Out, Shards
+from simgap.stages import CasePath, Grid, Out, Shards
 from simgap.stages.gap_inputs import write_dimensions
 
 

@@ -17,15 +17,13 @@ from simgap.io.gap_file import SavedGap, load_gap
 from simgap.io.pages import NO_CONTROLLER, need_template, render
 from simgap.io.results import read_json, read_parquet, write_json
 from simgap.io.traces import GAP_AWARE, NOMINAL, split
-from simgap.lint.costs import costs, duration
 from simgap.plants.context import Context
 from simgap.report.case_figures import draw
 from simgap.report.content import content, summary
 from simgap.report.explorer import explored_runs
 from simgap.report.measured_share import share_inside
 from simgap.report.tables import Corrected, Material
-from simgap.stages import log
-from simgap.stages.arguments import CasePath, GapAwareController, NominalController, Option, Out, Traces
+from simgap.stages import CasePath, GapAwareController, NominalController, Option, Out, Traces, log
 from simgap.stages.gap_inputs import read_result, read_table
 
 TEMPLATE = "report.html.j2"
@@ -92,17 +90,7 @@ def run(
     log.info("page of %d kB", len(page) // 1024)
     if later is None:
         return f"Ready to open: {out}"
-    whole, spent = os.path.normpath(out.parent / later), duration(_seconds_left(material.context))
-    return f"Ready to open: {out}, audit pending. Next: {whole}, after about {spent} of CPU time"
-
-
-def _seconds_left(context: Context) -> float:
-    """Seconds that the whole page takes after the first one: the adversary, and what a diagnosis corrects."""
-    seconds = {cost.stage: cost.seconds for cost in costs(context)}
-    measured = context.case.measured
-    diagnosed = measured is not None and measured.recorded
-    corrected = ("scp", "lipschitz", "gap", "synthesis", "validation", "audit") if diagnosed else ()
-    return sum(seconds.get(stage, 0.0) for stage in ("audit", *corrected))
+    return f"Ready to open: {out}, audit pending. Next: {os.path.normpath(out.parent / later)}"
 
 
 def read(case_path: Path, inputs: ReportFiles) -> Material:

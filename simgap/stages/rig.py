@@ -16,8 +16,7 @@ from simgap.plants.context import Context
 from simgap.signals import multisine
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import follow
-from simgap.stages import log
-from simgap.stages.arguments import Argument, Out
+from simgap.stages import Argument, Out, log
 
 
 def run(

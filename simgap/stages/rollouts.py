@@ -13,8 +13,7 @@ from simgap.gap.sampling.points import Columns, Points, cut, product, remembers,
 from simgap.plants.context import Context
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out_range
-from simgap.stages import log
-from simgap.stages.arguments import CasePath, Grid, Option, Out
+from simgap.stages import CasePath, Grid, Option, Out, log
 from simgap.stages.gap_inputs import points_of_case, write_rollouts
 
 

@@ -14,7 +14,7 @@ from simgap.gap.sampling.samples import check_histories, dimension_samples, moti
 from simgap.gap.sampling.values import Room, in_memory
 from simgap.io.arrays_on_disk import room_in
 from simgap.plants.context import Context, pose_axes
-from simgap.stages.arguments import Borders, CasePath, Grid, Out, Shards
+from simgap.stages import Borders, CasePath, Grid, Out, Shards
 from simgap.stages.gap_inputs import read_samples, write_dimensions
 
 

@@ -23,7 +23,7 @@ from simgap.late import pyarrow as pa
 from simgap.lint.costs import affordable, costs
 from simgap.plants.context import Context
 from simgap.report.figures.sweep import figure
-from simgap.stages.arguments import Argument, Option, Out, SweepPath
+from simgap.stages import Argument, Option, Out, SweepPath
 
 GAP = "gap.json"
 LEFT_OUT = ("provenance", "checksum", "guarantee", "case", "title", "verdict")

@@ -11,7 +11,6 @@ from typing import Annotated, Any
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.config.reads import CONTROLLED
 from simgap.effects import effect
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bounds.body_frame import BodyFrameGap
@@ -23,13 +22,13 @@ from simgap.lint.costs import affordable, costs
 from simgap.model.integrators import nominal_paths
 from simgap.model.sampled import NominalModel
 from simgap.plants.context import Context, pose_axes
+from simgap.provenance import CONTROLLED
 from simgap.simulators.body_samples import BodySamples
 from simgap.simulators.commands import acts_at_once
 from simgap.specifications.base import path_aware_baseline, specification_of
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
-from simgap.stages import log
-from simgap.stages.arguments import CasePath, Option, Out
+from simgap.stages import CasePath, Option, Out, log
 from simgap.synthesis.abstraction.intersample import Flow, SweptCells, excursion, flow_of, planar_swept_cells
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.explain import GammaParts, explain
@@ -69,23 +68,26 @@ def run(
         affordable(context, [cost for cost in costs(context) if cost.stage == "synthesis"])
         problem, between = pose_problem(context, gap_path)
         began = time.perf_counter()
-        solution = _solved(context, problem, gap_path, record, summary, threads)
+        about = {
+            "model": "with gap" if gap_path is not None else "nominal",
+            "cells": list(problem.cells),
+            "inputs": len(problem.inputs),
+        }
+        solution = _solved(context, problem, gap_path, about | {"provenance": record}, summary, threads)
     log.info("%d of %d cells win (%.4f)", solution.winning.sum(), solution.free.sum(), solution.fraction)
     log.info("synthesis took %.2f s, compilation included", time.perf_counter() - began)
     section = context.need(context.case.synthesis, "synthesis")
     names = tuple(context.states), tuple(context.inputs)
+    by = "swept boxes" if problem.swept is not None else "clearance" if problem.stray is not None else None
     save_controller(Controller(problem.inputs, *names, solution, section.rule, record), out)
-    figures = {
-        "model": "with gap" if gap_path is not None else "nominal",
-        "cells": list(problem.cells),
-        "inputs": len(problem.inputs),
+    figures = about | {
         "winning_cells": int(solution.winning.sum()),
         "free_cells": int(solution.free.sum()),
         "winning_fraction": solution.fraction,
         "winning_fraction_after_inflation": after_inflation(problem, solution, between),
         "between_samples": _by_state(context, between[0]),
         "between_samples_beyond_walls": _by_state(context, between[1]),
-        "between_samples_by": "swept boxes" if problem.swept is not None else _clearance(problem),
+        "between_samples_by": by,
         "looks_between_samples": gap_path is not None or section.nominal_between_samples,
         "statistics": solution.statistics,
         "provenance": record,
@@ -97,7 +99,7 @@ def _solved(
     context: Context,
     problem: SynthesisProblem,
     gap_path: Path | None,
-    record: dict[str, Any],
+    about: dict[str, Any],
     summary: Path,
     threads: int,
 ) -> Solution:
@@ -110,17 +112,10 @@ def _solved(
         return synthesise(problem, threads)
     except EmptyDomain as error:
         found = explain(problem, _retimed(context), threads, _parts(context, gap_path))
-        model = "with gap" if problem.gap is not None else "nominal"
         asked = problem.specification.sentence(problem.space)
-        figures = {
-            "model": model,
-            "asked": asked,
-            "cells": list(problem.cells),
-            "inputs": len(problem.inputs),
-            "winning_cells": 0,
-        }
+        figures = about | {"asked": asked, "winning_cells": 0, "empty": found.to_json()}
         for file in (summary, summary.with_name(EMPTY_FIGURES)):  # a failed job of the workflow loses its outputs
-            write_json(file, {**figures, "empty": found.to_json(), "provenance": record})
+            write_json(file, figures)
         raise EmptyDomain(f"{error.problem}: {found.sentence}", file=error.file, key=error.key) from None
 
 
@@ -167,10 +162,6 @@ def _between(context: Context, flow: Flow, region: Box, extra: Floats, needed: b
 def _by_state(context: Context, between: Floats) -> dict[str, float]:
     """Bounds by state; empty where there are none."""
     return dict(zip(context.states, between.tolist(), strict=True)) if np.isfinite(between).all() else {}
-
-
-def _clearance(problem: SynthesisProblem) -> str | None:
-    return "clearance" if problem.stray is not None else None
 
 
 def after_inflation(problem: SynthesisProblem, solution: Solution, between: Floats) -> float | None:

@@ -7,8 +7,7 @@ from simgap.io.rerun.closed_loop import write_recording
 from simgap.io.traces import split
 from simgap.plants.context import Context
 from simgap.report.scene import recording_content
-from simgap.stages import log
-from simgap.stages.arguments import CasePath, GapAwareController, NominalController, Out, Traces
+from simgap.stages import CasePath, GapAwareController, NominalController, Out, Traces, log
 from simgap.stages.gap_inputs import read_table
 
 

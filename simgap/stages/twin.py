@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,45 +16,20 @@ from simgap.io.traces import SIMULATOR, split
 from simgap.plants.context import Context
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
-from simgap.stages import log
-from simgap.stages.arguments import CasePath, Option, Out, Shards
+from simgap.stages import CasePath, Option, Out, Shards, log
 from simgap.stages.gap_inputs import read_samples, read_table
 
 Steps = tuple[Floats, Floats, Floats]
 
 
-@dataclass(frozen=True)
-class TwinFiles:
-    """Files of samples: roll-outs on the grid, fresh ones, traces of the closed loop (or None)."""
-
-    rollouts: Shards
-    fresh: Annotated[Path, Option("Fresh samples.")]
-    traces: Annotated[Path | None, Option("Traces that the validation kept (Parquet).")] = None
-
-
-@dataclass(eq=False)
-class Differences:
-    """Steps compared so far: how many, and for each of nx states the largest |difference| with its x and u."""
-
-    nx: int
-    samples: int = 0
-    largest: Floats = field(init=False)
-    at: list[dict[str, list[float]]] = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.largest, self.at = np.zeros(self.nx), [{} for _ in range(self.nx)]
-
-    def add(self, x: Floats, u: Floats, difference: Floats) -> None:
-        """Take further steps in: (n, nx), (n, nu), (n, nx)."""
-        self.samples += len(x)
-        for i in range(self.nx):
-            k = int(np.argmax(np.abs(difference[:, i])))
-            if not abs(difference[k, i]) <= self.largest[i] or not self.at[i]:
-                self.largest[i] = abs(difference[k, i])
-                self.at[i] = {"x": x[k].tolist(), "u": u[k].tolist()}
-
-
-def run(case_path: CasePath, given: TwinFiles, out: Out, engine_log: Path | None = None) -> None:
+def run(
+    case_path: CasePath,
+    rollouts: Shards,
+    fresh: Annotated[Path, Option("Fresh samples.")],
+    out: Out,
+    traces: Annotated[Path | None, Option("Traces that the validation kept (Parquet).")] = None,
+    engine_log: Path | None = None,
+) -> None:
     """Take every sample again in the other engine, write and log the largest differences.
 
     Raises:
@@ -72,23 +46,26 @@ def run(case_path: CasePath, given: TwinFiles, out: Out, engine_log: Path | None
             raise UserError(f"{unknown} are not states", key="twin.tolerance", remedy=f"States: {context.states}.")
         other = context.case.model_copy(update={"simulator": section.of})
         parts = {
-            "grid": (_rows(context, path, "rollouts") for path in given.rollouts),
-            "fresh": (_rows(context, path, "fresh") for path in (given.fresh,)),
-            "closed_loop": _loops(context, given.traces) if given.traces is not None else iter(()),
+            "grid": (_rows(context, path, "rollouts") for path in rollouts),
+            "fresh": (_rows(context, path, "fresh") for path in (fresh,)),
+            "closed_loop": _loops(context, traces) if traces is not None else iter(()),
         }
-        found, counts, engine = Differences(len(context.states)), {}, section.of.engine
+        largest: dict[str, dict[str, Any]] = {
+            name: {"difference": 0.0, "unit": context.units[name], "at": {}} for name in context.states
+        }
+        counts, engine = dict.fromkeys(parts, 0), section.of.engine
         for part, steps in parts.items():
-            before = found.samples
             for x, u, following in steps:
                 job = (other, context.folder, x, u)
                 ((again, engine),) = run_in_processes(roll_out, [job], log=engine_log)
-                found.add(x, u, following - again)
-            counts[part] = found.samples - before
-    _judge(context, section.tolerance, found, engine)
-    largest = {
-        name: {"difference": float(found.largest[i]), "unit": context.units[name], "at": found.at[i]}
-        for i, name in enumerate(context.states)
-    }
+                counts[part] += len(x)
+                for own, difference in zip(largest.values(), np.abs(following - again).T, strict=True):
+                    k = int(np.argmax(difference))
+                    if not difference[k] <= own["difference"] or not own["at"]:
+                        own |= {"difference": float(difference[k]), "at": {"x": x[k].tolist(), "u": u[k].tolist()}}
+    words = ", ".join(f"{name} {own['difference']:.3g} {own['unit']}" for name, own in largest.items())
+    log.info("largest difference to %s over %d samples: %s", engine, sum(counts.values()), words)
+    _judge(section.tolerance, largest, engine)
     content = {"engine": engine, "samples": counts, "largest": largest, "tolerance": section.tolerance}
     write_json(out, content | {"provenance": context.record("twin", engine=engine)})
 
@@ -109,14 +86,11 @@ def _loops(context: Context, path: Path) -> Iterator[Steps]:
         yield x, u, after
 
 
-def _judge(context: Context, tolerance: dict[str, float], found: Differences, engine: str) -> None:
-    words = ", ".join(f"{name} {found.largest[i]:.3g} {context.units[name]}" for i, name in enumerate(context.states))
-    log.info("largest difference to %s over %d samples: %s", engine, found.samples, words)
-    for i, name in enumerate(context.states):
-        limit = tolerance.get(name)
-        if not np.isfinite(found.largest[i]) or (limit is not None and found.largest[i] > limit):
+def _judge(tolerance: dict[str, float], largest: dict[str, dict[str, Any]], engine: str) -> None:
+    for name, own in largest.items():
+        limit, size = tolerance.get(name), own["difference"]
+        if not np.isfinite(size) or (limit is not None and size > limit):
             raise BrokenPromise(
-                f"the twin is off {engine}: {name} by up to {found.largest[i]:.3g} (tolerated: {limit}) "
-                f"at {found.at[i]}",
+                f"the twin is off {engine}: {name} by up to {size:.3g} (tolerated: {limit}) at {own['at']}",
                 "Correct simulator.equations, or raise twin.tolerance.",
             )

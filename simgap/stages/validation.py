@@ -14,7 +14,6 @@ from simgap.arrays import Floats, Ints
 from simgap.closed_loop import BEYOND, Judge, Policy, Sensing, batch_loop, closed_loop
 from simgap.config.case import Case
 from simgap.config.controller import Trials, ValidationSection
-from simgap.config.reads import CONTROLLED
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.noise import NoiseStatement, statement_of
 from simgap.geometry import drawn_in_cells
@@ -25,12 +24,12 @@ from simgap.io.results import write_json, write_parquet
 from simgap.io.traces import BASELINE, GAP_AWARE, MODEL, NOMINAL, SIMULATOR, Trace, to_table
 from simgap.late import pyarrow as pa
 from simgap.plants.context import Context
+from simgap.provenance import CONTROLLED
 from simgap.simulators.process import EnginePool, engine_pool
 from simgap.specifications.base import Run, Verdict, specification_of
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
-from simgap.stages import log
-from simgap.stages.arguments import CasePath, Gap, GapAwareController, HowMany, NominalController, Option, Out, Workers
+from simgap.stages import CasePath, Gap, GapAwareController, HowMany, NominalController, Option, Out, Workers, log
 from simgap.synthesis.controller import Controller
 
 CHUNK = 50  # runs a worker does between two signs of life

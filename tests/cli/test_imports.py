@@ -27,7 +27,7 @@ STAGES = {
 RUN = "from simgap.cli import main\ntry: main({})\nexcept SystemExit as ended: assert not ended.code, ended.code\n"
 HASHES = """
 from pathlib import Path; from simgap.config.load import load_case
-from simgap.config.reads import READS; from simgap.provenance import code_digest, versions
+from simgap.provenance import READS, code_digest, versions
 for path in sorted(Path('configs/cases').glob('*.yaml')):
     case = load_case(path)
     for stage in READS: code_digest(stage, case, path.parent), versions(stage, case, path.parent)

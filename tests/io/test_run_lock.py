@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 
 import pytest
 
@@ -33,9 +32,9 @@ def lock(folder):
     (folder / ".snakemake/locks/0.output.lock").write_text("results/a\n")
 
 
-def record(folder, machine, temporary=""):
+def record(folder, machine):
     """What a run of process 4242 of a machine has left, alive or not."""
-    about = {"cases": ["rod"], "process": 4242, "machine": "m", "since": "2026", "command": "x", "temporary": temporary}
+    about = {"cases": ["rod"], "process": 4242, "machine": "m", "since": "2026", "command": "x"}
     (folder / RUNS).mkdir(parents=True, exist_ok=True)
     (folder / RUNS / f"{machine}-4242.json").write_text(json.dumps(about))
 
@@ -78,24 +77,6 @@ def test_locks_of_a_killed_run_stay_while_another_is_alive_and_go_with_the_last(
         process.communicate("")
     assert announce(tmp_path, ["rod"], "x") == ([], True)
     assert locks(tmp_path) == []
-
-
-@pytest.mark.parametrize(
-    ("listed", "goes"),
-    [
-        ("tmp/snakemakeab12cd_9", True),
-        ("tmp/snakemake", False),
-        ("snakemakeab12cd_9", False),
-        ("tmp/../snakemakeab12cd_9", False),
-    ],
-)
-def test_only_the_temporary_folders_of_snakemake_go(tmp_path, monkeypatch, listed, goes):
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
-    (tmp_path / "tmp").mkdir()
-    (tmp_path / listed).mkdir()
-    record(tmp_path, host(), str(tmp_path / listed))
-    assert announce(tmp_path, ["rod"], "x") == ([], False)
-    assert (tmp_path / listed).exists() is not goes
 
 
 STAGE = """

@@ -58,5 +58,5 @@ def bound(case: Path, folder: Path, shards: list[Path], fresh: Path, out: Path):
     for name, stage in (("scp", scp), ("lipschitz", lipschitz)):
         made[name] = folder / f"{name}.json"
         stage.run(case, folder / "grid", shards, made[name], *((on_borders,) if stage is scp else ()))
-    inputs = gap.GapFiles(folder / "grid", shards, made["scp"], made["lipschitz"], fresh, on_borders)
-    gap.run(case, inputs, out, folder / "thinned.parquet")
+    inputs = (folder / "grid", shards, made["scp"], made["lipschitz"], fresh)
+    gap.run(case, *inputs, out, folder / "thinned.parquet", on_borders)

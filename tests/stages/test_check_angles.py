@@ -9,7 +9,6 @@ from simgap.errors import UserError
 from simgap.lint.equations import find_degrees, refuse_seams
 from simgap.plants.context import Context
 from simgap.plants.model_file import FileJoint
-from simgap.stages import check
 
 HINGE = FileJoint("revolute", (-2.0, 2.0), None, None, 0.0, 0.0, None, False)
 
@@ -67,17 +66,6 @@ def test_what_a_joint_could_do_in_degrees_alone_is_refused(tmp_path):
     wide = FileJoint("revolute", (-60.0, 60.0), None, None, 0.0, 0.0, None, False)
     assert len(list(find_degrees(driven, {"hinge": wide}))) == 1  # a joint that winds
     assert content["domain"]["X"]["q"] == [-90, 90]
-
-
-def test_a_cost_beyond_the_budget_names_the_unit_first(tmp_path):
-    """It said that grid.eps is too small, which no radius of balls mends."""
-    more = {
-        "simulator": {"engine": "equations", "integrator": "rk4"}, "grid": {"eps": 0.001}, "gap": {"basis": ["q", 1]},
-        "budget": {"memory": "1 GiB"},
-    }  # fmt: skip
-    with pytest.raises(UserError, match=r"looks like degrees; as it stands, .* the budget is") as refused:
-        check.run(written(tmp_path, [-90, 90], **more))
-    assert refused.value.key == "domain.X.q"
 
 
 @pytest.mark.parametrize("angle", [[-math.pi, math.pi], [0, 4 * math.pi]])

@@ -48,15 +48,13 @@ def test_inputs_in_another_unit_are_refused(vary):
     assert "units" in refused.value.remedy
 
 
-def test_an_inductance_in_another_unit_is_named(vary):
+def test_an_inductance_in_another_unit_is_told(vary):
     key = "plant.symbolic.parameters.L.value"
     (finding,) = find_long_steps(Context.load(vary("dc_motor", {key: 500})))
     assert finding.key == "domain.tau"
     assert "i moves by at most" in finding.problem
-    assert "L = 500 H" in finding.remedy
-    with pytest.raises(UserError, match="times the width of X") as refused:
+    with pytest.raises(UserError, match="times the width of X"):
         list(find_long_steps(Context.load(vary("dc_motor", {key: 5e-6}))))
-    assert "first at L = 5e-06 H" in refused.value.remedy
 
 
 def test_no_case_that_ships_is_told(root):

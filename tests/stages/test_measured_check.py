@@ -1,6 +1,7 @@
 """What a case says wrongly of its recordings is told by `simgap check`, with the case's own file, key and remedy."""
 
 import copy
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow as pa
@@ -10,7 +11,7 @@ import yaml
 
 from simgap.config.measured import MeasuredSection, named_recordings
 from simgap.errors import UserError
-from simgap.lint.measured import check_measured, refuse_arm_conditions
+from simgap.lint.measured import check_measured, refuse_links
 from simgap.plants.context import Context
 from simgap.stages import check, diagnosis
 
@@ -128,9 +129,10 @@ def test_a_pattern_stands_for_the_files_that_match_it_in_the_order_of_their_name
 
 @pytest.mark.parametrize("said", [{"conditions": [{"file": "run.csv", "m": 1.0}]}, {"conditions_from": {"m": "mass"}}])
 def test_an_arm_of_many_joints_takes_no_conditions(said):
-    refuse_arm_conditions(MeasuredSection())
+    arm = SimpleNamespace(plant=SimpleNamespace(declared=SimpleNamespace(derived=False), tree=object()))
+    refuse_links(arm, MeasuredSection())
     with pytest.raises(UserError, match=r"knows no such conditions.*measured\.payloads") as caught:
-        refuse_arm_conditions(MeasuredSection.model_validate(said))
+        refuse_links(arm, MeasuredSection.model_validate(said))
     assert caught.value.key == f"measured.{next(iter(said))}"
 
 

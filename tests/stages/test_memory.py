@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from simgap.config.load import load_case
-from simgap.config.reads import READS
 from simgap.correction.corrected_case import corrected_case
 from simgap.effects import AppliedEffect
 from simgap.plants.plant_model import PlantModel
-from simgap.provenance import sections_digest
+from simgap.provenance import READS, sections_digest
 from simgap.simulators.commands import acts_at_once
 from simgap.stages import fresh, synthesis, validation
 from tests.stages import road

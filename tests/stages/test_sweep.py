@@ -46,9 +46,6 @@ def test_every_combination_or_one_after_the_other(write):
     zipped = points_of_sweep(write(AXES, mode="zip"))
     assert [p.name for p in zipped] == [grid[0].name, grid[3].name]  # named by what they are
     assert len({p.name for p in grid}) == 4
-    listed = points_of_sweep(write({}, mode="list", points=[dict(grid[3].values), {"gap.slack": 0.02}]))
-    assert listed[0].name == grid[3].name
-    assert (listed[1].case.gap.slack, listed[1].case.synthesis.cells) == (0.02, (200, 200))
 
 
 @pytest.mark.parametrize(
@@ -62,9 +59,8 @@ def test_every_combination_or_one_after_the_other(write):
         ({"gap.slack": 3}, {}, "axes.gap.slack: a list is needed, got 3"),
         ({"gap.seed": list(range(50)), "audit.seed": list(range(50))}, {}, "axes: there are more than 1000 points"),
         ({"gap.slack": [1]}, {"axis": {}}, "axis: unknown key. Did you mean 'axes'?"),
-        ({"gap.slack": [1]}, {"mode": "list"}, "mode: mode list has points and no axes"),
-        ({"gap.slack": [1]}, {"points": [{"gap.slack": 2}]}, "mode: mode grid has axes and no points"),
-        ({}, {}, "mode: mode grid has axes and no points"),
+        ({"gap.slack": [1]}, {"mode": "list"}, "mode: there is no choice 'list'"),
+        ({}, {}, "axes: at least 1 entries are needed"),
         ({"gap.slack": [0.1, 0.1]}, {}, "axes: a point appears twice"),
     ],
 )
@@ -128,18 +124,6 @@ def test_points_share_what_is_the_same(root, write, tmp_path):
         "grid": 1, "fresh": 1, "borders": 1, "scp": 2, "lipschitz": 1, "gap": 4, "synthesis": 8, "sweep": 1,
     }  # fmt: skip
     assert int(jobs["rollouts"]) == load_case(path.parents[1] / "mine.yaml").grid.shards
-
-
-def test_points_of_a_list_need_not_name_the_same_keys(write, tmp_path):
-    path = write({}, mode="list", points=[{"gap.slack": 0.02}, {"gap.seed": 5, "gap.slack": 0.03}])
-    files = [tmp_path / "results" / p.name / "summary.json" for p in points_of_sweep(path)]
-    for k, file in enumerate(files):
-        file.parent.mkdir(parents=True)
-        write_json(file, {"winning_fraction": {"gap": 0.25 + k}})
-    out = tmp_path / "results/sweeps/two/report.html"
-    sweep.run(path, files, out, out.with_name("table.parquet"))
-    assert pq.read_table(out.with_name("table.parquet")).to_pydict()["gap.seed"] == [None, 5]
-    assert "as in the case" in out.read_text()
 
 
 def test_model_files_of_a_twin_move_along_and_are_hashed(root, tmp_path):

@@ -6,13 +6,12 @@ import pyarrow.parquet as pq
 import pytest
 
 from simgap.cli import main
-from simgap.config.reads import READS
 from simgap.io.controller_file import load_controller
 from simgap.io.rerun.closed_loop import events
 from simgap.io.rerun.recording import JointScene, PlanarScene, viewed
 from simgap.io.traces import split
 from simgap.plants.context import Context
-from simgap.provenance import sections_digest
+from simgap.provenance import READS, sections_digest
 from simgap.report.scene import recording_content, scene
 from tests.io.recorded import read_curves
 from tests.stages import loop_example as example

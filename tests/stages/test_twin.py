@@ -58,7 +58,7 @@ def test_a_twin_that_is_none_fails_and_writes_nothing(proven, samples, tmp_path)
     content["twin"]["of"]["inertia"] = "file"
     path.write_text(yaml.safe_dump(content))
     with pytest.raises(BrokenPromise, match="x1 by up to"):
-        twin.run(path, twin.TwinFiles(shards, drawn), tmp_path / "twin.json")
+        twin.run(path, shards, drawn, tmp_path / "twin.json")
     assert not (tmp_path / "twin.json").exists()
 
 

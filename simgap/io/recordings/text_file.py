@@ -247,13 +247,6 @@ class Samples:
     rows: Iterator[Mapping[str, Any]]
 
 
-@dataclass(frozen=True)
-class _Twice:
-    """Stands for an object that has a key twice, until its place is known."""
-
-    key: str
-
-
 def read_samples(path: Path) -> Samples:
     """The samples of a file; lines are read as rows are asked for, a document is held whole.
 
@@ -312,12 +305,13 @@ def _parsed(content: bytes | str, path: Path, number: int | None = None) -> Any:
         raise UserError("holds an integer of thousands of digits", remedy=_WRITTEN) from None
 
 
-def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any] | _Twice:
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     content = dict(pairs)
-    if len(content) == len(pairs):
-        return content
-    keys = [key for key, _ in pairs]
-    return _Twice(next(key for key in keys if keys.count(key) > 1))
+    if len(content) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise UserError(f"the key '{excerpt(twice, 40)}' appears twice in an object", remedy="Remove one of them.")
+    return content
 
 
 def _samples(content: Any) -> Samples:
@@ -328,7 +322,7 @@ def _samples(content: Any) -> Samples:
         _refuse_kind(content, "the document")
     lists: dict[str, list[Any]] = {}
     constants = _flat(content, "beside the samples", lists)
-    records = [name for name, values in lists.items() if values and isinstance(values[0], dict | _Twice)]
+    records = [name for name, values in lists.items() if values and isinstance(values[0], dict)]
     if len(records) > 1:
         problem = f"holds two lists of samples, '{excerpt(records[0], 40)}' and '{excerpt(records[1], 40)}'"
         raise UserError(problem, remedy="Give each a file of its own.")
@@ -356,14 +350,12 @@ def _flat(value: Any, place: str, lists: dict[str, list[Any]] | None = None) -> 
     """The scalars of an object by dotted name. Lists go to `lists`, or become `name.0`, `name.1` ... without it."""
     if not isinstance(value, dict):
         _refuse_kind(value, place)
-    if not any(isinstance(inner, dict | list | _Twice) for inner in value.values()):
+    if not any(isinstance(inner, dict | list) for inner in value.values()):
         return value
     found: dict[str, Any] = {}
     open_ones: list[tuple[str, Any]] = [(key, value[key]) for key in reversed(value)]
     while open_ones:
         name, inner = open_ones.pop()
-        if isinstance(inner, _Twice):
-            _refuse_kind(inner, place)
         if isinstance(inner, dict) or (isinstance(inner, list) and lists is None):
             pairs = list(inner.items() if isinstance(inner, dict) else enumerate(inner))
             if isinstance(inner, dict) or len(pairs) <= _MOST_PARTS:
@@ -378,8 +370,6 @@ def _flat(value: Any, place: str, lists: dict[str, list[Any]] | None = None) -> 
 
 
 def _refuse_kind(value: Any, place: str) -> Never:
-    if isinstance(value, _Twice):
-        raise UserError(f"{place}: the key '{excerpt(value.key, 40)}' appears twice", remedy="Remove one of them.")
     kinds = {list: "a list", str: "a text", bool: "a boolean", int: "a number", float: "a number"}
     raise UserError(f"{place} is {kinds.get(type(value), 'null')}, not an object", remedy=_SHAPE)
 

@@ -36,17 +36,14 @@ def write_recording(
     """
     traces = list(dict.fromkeys(w.trace for w in windows))
     look = _blueprint(traces, measured, inputs, units)
-    with recording_file(path, "simgap_diagnosis", _identifier(title), look) as recording:
+    identifier = "".join(c if c.isalnum() else "-" for c in title) or "diagnosis"
+    with recording_file(path, "simgap_diagnosis", identifier, look) as recording:
         words = printable(text("diagnosis_recording.md.j2", title=title, sentence=sentence))
         about = rr.TextDocument(words, media_type="text/markdown")
         recording.log("about", about, static=True)
         for trace in traces:
             own = sorted((w for w in windows if w.trace == trace), key=lambda w: float(w.t[0]))
             _log_trace(recording, _entity(trace), own, measured, inputs)
-
-
-def _identifier(title: str) -> str:
-    return "".join(c if c.isalnum() else "-" for c in title) or "diagnosis"
 
 
 def _entity(trace: str) -> str:
