@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.search import columns
@@ -55,3 +56,31 @@ def test_a_unit_that_leaves_nothing_of_the_plant_is_none(inertia, factor, found)
     parts, _ = parts_of(point_pendulum(0.05, 0.15, inertia), record, settings)
     better = columns.better_columns(coarse(parts.known), {})
     assert (better and better.finding.fault) == found
+
+
+def _counted(k: int, counts: float) -> Trace:
+    """A pendulum whose friction depends on the place, which no effect is; its commands in counts, so many a newton
+    metre."""
+    rng, t = np.random.default_rng([k, 7933]), np.arange(1000) / 100.0
+    u = np.sin(np.outer(t, rng.uniform(0.6, 12.0, 6)) + rng.uniform(0.0, 6.0, 6)).sum(axis=1)
+
+    def slope(s, x):
+        held = u[min(int(100.0 * s + 1e-9), len(u) - 1)]
+        return x[1], (held - 4.905 * np.sin(x[0]) - 0.15 * (1.0 + 0.8 * np.sin(7.0 * x[0])) * x[1]) / 0.3
+
+    x = solve_ivp(slope, (0.0, t[-1]), (0.3, 0.0), t_eval=t, rtol=1e-8, max_step=0.01).y[:1].T
+    return Trace(f"run{k}", t, x + 1e-3 * rng.standard_normal(x.shape), counts * u[:, None])
+
+
+@pytest.mark.parametrize(("counts", "verdict"), [(1.0, "partial"), (21.0, "unexplained")])
+def test_a_gain_beyond_belief_is_told_as_a_unit_and_nothing_is_named_in_its_place(counts, verdict):
+    record = Record(tuple(_counted(k, counts) for k in range(3)), ("angle",), ("torque",))
+    few = DiagnosisSettings(effects=("viscous_friction", "coulomb_friction", "input_gain", "input_dead_zone"))
+    found = diagnose(point_pendulum(1.0, 0.5, 0.3), record, few)
+    assert found.verdict == verdict
+    if counts == 1.0:
+        assert [(e.name, e.on) for e in found.effects] == [("viscous_friction", "hinge")]
+    else:
+        assert any("units" in reason for reason in found.nearest.reasons)
+        (gain,) = [e for e in found.nearest.effects if e.on == "torque"]
+        assert gain.parameters["ratio"].value == pytest.approx(1.0 / counts, rel=0.05)

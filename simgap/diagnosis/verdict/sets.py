@@ -176,7 +176,7 @@ def plausible(e: Explanation) -> bool:
     """Whether no ratio of true to declared is beyond belief: off the noise floor such a fit bends the model to a force
     that it lacks, or a column is in another unit."""
     values = [(p, e.fit.theta[k]) for c in e.members for p, k in zip(c.effect.parameters, c.slots, strict=True)]
-    ratios = [v for p, v in values if p.symbol == "ratio" and p.null == 1.0]
+    ratios = [v for p, v in values if p.symbol.startswith("ratio") and p.null == 1.0]
     return all(1.0 / PLAUSIBLE_RATIO <= abs(r) <= PLAUSIBLE_RATIO for r in ratios)
 
 
