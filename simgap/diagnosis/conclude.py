@@ -342,5 +342,6 @@ def verdict(found: Explanation, evidence: Evidence) -> Verdict:
         return "attributed" if plant else "none"
     if not plant:
         return "unexplained"
-    carries = evidence.gain.sure and evidence.borne_out and found.physical and evidence.agree and plausible(found)
-    return "partial" if carries else "unexplained"
+    carries = evidence.gain.sure and evidence.borne_out and found.physical and evidence.agree
+    fits = evidence.after <= FIT_QUALITY or plausible(found)
+    return "partial" if carries and fits else "unexplained"

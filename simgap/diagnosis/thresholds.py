@@ -52,7 +52,8 @@ it where the third promised 120 to 600 (benchmarks/undeclared.py, "three effects
 off by 0.05 %, as a test's rig takes Euler's steps, promised 26."""
 
 NEAR = 3.0
-"""What misses by no more than so many noises comes near it: an elastic joint or play that nobody named after a few
+"""What leaves no more than so many times what a known set does comes near it, and no other fit in its place is ended.
+What misses by no more than so many noises comes near it: an elastic joint or play that nobody named after a few
 steps of a fit, which is then fitted to the end; an engine with a set of effects, which then follows. Of those of
 benchmarks/drive_library.py eight steps left 0.93 to 1.24 of the noise, of Dahl friction 980 and more. Of a Furuta
 pendulum in an engine of 10 ms steps 27 noises were left with one of two true effects, 31 with both, 182 with none. And

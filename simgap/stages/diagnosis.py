@@ -124,8 +124,6 @@ def run(
         reading = load_reading(model, section, paths, context.folder, str(case_path), strict=not data)
         record = reading.record
         tell(f"{record.rows} samples in {len(record.traces)} traces; measured: {', '.join(record.measured)}")
-        for warning in reading.warnings:
-            tell(warning)
         look = survey(record, model, section.noise)
     if tree is not None:
         return diagnose_arm_recordings(context, tree, section, reading, look, paths, out_dir, tell)

@@ -21,7 +21,7 @@ PAPER = ("x1^2", "x2^2", "x1*x2", "x1", "x2", "u", "1")
 def gap_section(basis=None, **options):
     """A case's section `gap`; options of its part `lipschitz` are given by their names alone."""
     own = {k: options.pop(k) for k in list(options) if k in LipschitzSection.model_fields}
-    return GapSection(basis=basis or Monomials(), tolerated_probability=0.012, lipschitz=own, **options)
+    return GapSection(basis=basis or Monomials(), lipschitz=own, **options)
 
 
 def smooth(x, u):

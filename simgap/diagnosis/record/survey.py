@@ -170,9 +170,12 @@ def _looks(record: Record, model: SymbolicModel, sigma: Floats, quantum: Floats)
 
 def _excitation(record: Record, model: SymbolicModel) -> Iterator[str]:
     for k, name in enumerate(record.inputs):
-        if float(np.ptp(np.concatenate([trace.u[:, k] for trace in record.traces]))) <= 1e-9:
+        spread = max(float(np.ptp(trace.u[:, k])) for trace in record.traces)
+        if spread <= 1e-9:
+            same = float(np.ptp([trace.u[0, k] for trace in record.traces])) <= 1e-9
+            lost = "gain, bias, delay and dead zone" if same else "delay and lag"
             yield (
-                f"input {name} is constant: its gain, bias, delay and dead zone cannot be identified; "
+                f"input {name} is constant{'' if same else ' within each trace'}: its {lost} cannot be identified; "
                 "change it within the record, as a sum of sines or in steps that the plant has time to answer"
             )
     for c in model.coordinates:

@@ -89,12 +89,16 @@ class Search:
 
     def extend(self, base: Explanation, s: Score) -> Explanation:
         """Fit the base and one more effect, begun where its score says; at each of its starts if it bends much, where
-        that comes in sight and leaves more than noise."""
+        that comes in sight and leaves more than noise; else from where what it contains ends."""
         members = (*base.members, s.candidate)
         known = self._key(members, with_values(base.fit.theta, s.values)) in self.tried
         found = self.explain(members, with_values(base.fit.theta, s.values), base.fit)
         bends = len(s.candidate.slots) > 2 or s.candidate.effect.several_valleys
-        if not known and bends and s.candidate.free == s.candidate.slots and found.fit.chi2 <= self._in_sight():
+        if known or not bends or s.candidate.free != s.candidate.slots:
+            return found
+        if found.fit.chi2 > self._in_sight():
+            found = self._from_contained(base, s) or found
+        if found.fit.chi2 <= self._in_sight():
             starts = [other for other in self.every[base.keys] if other.candidate.key == s.candidate.key]
             for other in () if self.reached(found) else starts:
                 if other is not s:

@@ -11,7 +11,7 @@ inertia and dry friction can stand for each other within one trace, but only the
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -212,7 +212,7 @@ def transferable(
         parts: from `trials`; h: how far ahead is predicted, s; most: number of effects that are tried anyhow; largest:
             number of them where each one more took most of what was left away.
     """
-    wider = rescaled(search, best).near(best)
+    wider = replace(rescaled(search, best).near(best), ends=dict(search.ends))  # what is given up here ends here
     wider.joined(wider.empty(base))
     for size in range(1, most + 1):  # a wider look than the greedy path: the right set need not fit best
         for e in wider.sound(size)[:1]:
@@ -231,16 +231,19 @@ def transferable(
     steady = [k for k, e in enumerate(pool, 1) if folds_agree(search.problem, e, search.steps, worth)]
     sets = [wider.empty(base), *pool]
     counts, bic, among = [e.count for e in sets], [e.bic for e in sets], steady or range(1, len(sets))
-    level = preferred_of(densities, counts, bic, among)
-    first, *others = sorted(level, key=lambda k: not plausible(sets[k]))
-    rivals = [sets[k] for k in others if steady and not sets[first].keys < sets[k].keys]
-    predicted = density_of_choice(densities, counts, bic, among)
-    return Carried(wider, sets[first], tuple(rivals), bool(steady), densities[0], predicted)
+    beyond = [k for k, e in enumerate(sets) if not plausible(e)]
+    first, *others = preferred_of(densities, counts, bic, among, beyond)
+    rivals = [sets[k] for k in others if steady and k not in beyond and not sets[first].keys < sets[k].keys]
+    predicted = density_of_choice(densities, counts, bic, among, beyond)
+    kept = {k: e for k, e in wider.tried.items() if e.fit.chi2 <= wider.limit or not e.members}
+    whole = replace(wider, limit=math.inf, ends=search.ends, tried=kept)
+    return Carried(whole, sets[first], tuple(rivals), bool(steady), densities[0], predicted)
 
 
 def density_of_choice(
-    densities: Sequence[Floats], counts: Sequence[int], bic: Sequence[float], among: Sequence[int]
-) -> Floats:
+    densities: Sequence[Floats], counts: Sequence[int], bic: Sequence[float], among: Sequence[int],
+    beyond: Collection[int] = (),
+) -> Floats:  # fmt: skip
     """Log density (b,) in each block of the set that the rest of them prefers: blocks that choose a set flatter it.
 
     Arguments as of `preferred_of`. Source: Varma, Simon (2006), BMC Bioinformatics 7, 91 (nested cross-validation).
@@ -249,14 +252,15 @@ def density_of_choice(
     among = [k for k in among if np.isfinite(whole[k]).all()] or among
     out = np.empty(whole.shape[1])
     for own in np.array_split(np.arange(len(out)), min(_PARTS, len(out))):
-        first = preferred_of(list(np.delete(whole, own, axis=1)), counts, bic, among)[0]
+        first = preferred_of(list(np.delete(whole, own, axis=1)), counts, bic, among, beyond)[0]
         out[own] = whole[first, own]
     return out
 
 
 def preferred_of(
-    densities: Sequence[Floats], counts: Sequence[int], bic: Sequence[float], among: Sequence[int]
-) -> list[int]:
+    densities: Sequence[Floats], counts: Sequence[int], bic: Sequence[float], among: Sequence[int],
+    beyond: Collection[int] = (),
+) -> list[int]:  # fmt: skip
     """Numbers of the sets that cannot be told from the one that predicts best, the smallest and best of them first.
 
     Each parameter has to take a share of the error away that matters. Two sets are told apart where one surely predicts
@@ -265,6 +269,7 @@ def preferred_of(
 
     Args:
         densities: (b,) log density in each block; counts: parameters, bic: of each set; among: what may be chosen.
+        beyond: sets with a ratio beyond belief, which come last.
     """
     known = [len(d) > 1 and bool(np.isfinite(d).all()) for d in densities]
     among = [k for k in among if known[k]] or among
@@ -274,7 +279,7 @@ def preferred_of(
     ]
     best = max(among, key=lambda k: (means[k], -bic[k]))
     level = [k for k in among if bic[k] <= bic[best] + BIC_GAIN and not gained(densities[k], densities[best]).sure]
-    return sorted(level, key=lambda k: (counts[k], -means[k]))
+    return sorted(level, key=lambda k: (k in beyond, counts[k], -means[k]))
 
 
 def _density(e: Explanation, parts: Sequence[Trial], h: float, steps: dict[int, float]) -> Floats:
