@@ -176,7 +176,7 @@ def _unexplained(document: Document) -> list[str]:
         nearest, it_is = ("The nearest is", "It is") if len(effects) == 1 else ("The nearest are", "They are")
         more = f"Allow more than {most} effects (measured.max_effects), or look" if most else "Look"
         text = (
-            "No effect of the library explains the difference between model and data. "
+            "No effect of the library is established as the difference between model and data. "
             f"{nearest} {joined([describe(e) for e in effects])}, with {100 * near['explained_share']:.0f} % of the "
             f"excess error{ahead}. {it_is} not named because {joined(near['reasons'])}."
         )
