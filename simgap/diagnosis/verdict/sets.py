@@ -235,8 +235,8 @@ def transferable(
     first, *others = preferred_of(densities, counts, bic, among, beyond)
     rivals = [sets[k] for k in others if steady and k not in beyond and not sets[first].keys < sets[k].keys]
     predicted = density_of_choice(densities, counts, bic, among, beyond)
-    kept = {k: e for k, e in wider.tried.items() if e.fit.chi2 <= wider.limit or not e.members}
-    whole = replace(wider, limit=math.inf, ends=search.ends, tried=kept)
+    ended = {k: e for k, e in wider.tried.items() if e.fit.converged or e.fit.chi2 <= wider.limit}
+    whole = replace(wider, limit=math.inf, ends=search.ends, tried=ended)
     return Carried(whole, sets[first], tuple(rivals), bool(steady), densities[0], predicted)
 
 
