@@ -192,9 +192,8 @@ def diagnose(
         say_json(result)
         return
     first, *rest = result.get("sentences", [result["sentence"]])
-    short = [f"{own['file']}: {own['short_rows']} rows in pieces shorter than a window were left out."
-             for own in result["data"] if own.get("short_rows")]  # fmt: skip
-    for line in (f"{result['verdict']}: {first}", *rest, *result["columns"], *short, f"Report: {out / 'report.html'}"):
+    said = (*result["columns"], *result["warnings"])
+    for line in (f"{result['verdict']}: {first}", *rest, *said, f"Report: {out / 'report.html'}"):
         say(line)
 
 

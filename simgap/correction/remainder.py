@@ -263,16 +263,15 @@ class RemainderUse:
     Attributes:
         bounded: whether the corrected case adds it to its gamma; reason: why, or why not.
         by: state -> how far gamma moves outward; empty if it does not.
+        asked: whether the case has a gamma that it could be added to.
         near_rest: where it moves further; None: nowhere.
     """
 
     bounded: bool
     reason: str
     by: Mapping[str, float]
+    asked: bool
     near_rest: NearRest | None = None
-
-
-NO_GAP = "the case has no `gap:` section"
 
 
 def use_of(remainder: Remainder | None, verdict: str, rig: str, has_gap: bool, has_hidden_state: bool) -> RemainderUse:
@@ -289,11 +288,11 @@ def use_of(remainder: Remainder | None, verdict: str, rig: str, has_gap: bool, h
         (verdict != "partial", "a remainder is added only where the verdict is 'partial'"),
         (rig == "simulator", "the recordings are of the case's own simulator, whose gap is measured there"),
         (has_hidden_state, "the bound of a simulator with hidden state does not take measured remainders in"),
-        (not has_gap, NO_GAP),
+        (not has_gap, "the case has no `gap:` section"),
         (not finite, "too few transitions were held out"),
     )
     for stands, reason in obstacles:
         if stands:
-            return RemainderUse(False, reason, {})
+            return RemainderUse(False, reason, {}, has_gap)
     near_rest = remainder.rest_after if remainder is not None else None
-    return RemainderUse(True, "the corrected case adds it to gamma (gap.remainder)", finite, near_rest)
+    return RemainderUse(True, "the corrected case adds it to gamma (gap.remainder)", finite, has_gap, near_rest)

@@ -9,7 +9,7 @@ from typing import Any
 
 from pydantic_core import to_jsonable_python
 
-from simgap.correction.remainder import NO_GAP, Remainder, RemainderUse
+from simgap.correction.remainder import Remainder, RemainderUse
 from simgap.diagnosis import result
 from simgap.diagnosis.arms.diagnose import ArmDiagnosis
 from simgap.diagnosis.arms.problem import INERTIAL
@@ -160,7 +160,7 @@ def _remainder(remainder: Remainder, use: RemainderUse) -> dict[str, Any]:
         **to_jsonable_python(remainder),
         "bounded": use.bounded,
         "reason": use.reason,
-        "asked": use.reason != NO_GAP,
+        "asked": use.asked,
     }
 
 
