@@ -18,7 +18,7 @@ from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.noise_colour import noise_colour
 from simgap.diagnosis.search.scoring import list_starts
-from simgap.diagnosis.search.selection import best_so_far, carried_over, fitted_here, grow, preferred, select
+from simgap.diagnosis.search.selection import best_so_far, carried_over, fitted_here, grow, leap, preferred, select
 from simgap.diagnosis.search.watch import Stopped, Watch
 from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.initial import initial_states
@@ -178,6 +178,7 @@ def _grown_from(search: Search, base: Fit, found: Explanation, most: int) -> Exp
         for c in known.members:
             if c.effect.contains is not None:
                 search.coarser(known, c)
+        leap(search, base, most)
         return preferred(search, grow(search, known, most, finer=False), most)
 
     return looked_again(search.watch, look) or best_so_far(search, base, most)

@@ -184,7 +184,8 @@ def _again(search: Search, base: Fit, found: Explanation) -> Explanation:
         new: float(found.fit.theta[old])
         for c, m in pairs for old, new in zip(c.slots, m.slots, strict=True)
     }  # fmt: skip
-    return search.explain(tuple(m for _, m in pairs), with_values(search.problem.model.null, values), base)
+    theta = with_values(search.problem.model.null, values)
+    return search.explain(tuple(m for _, m in pairs), theta, fit(search.problem, theta, base.x0, [], {}))
 
 
 def _in_the_place(search: Search, found: Explanation) -> list[Explanation]:
