@@ -149,6 +149,8 @@ def under_its_law(
         start = fit(problem, base.theta, base.begin(problem), [], {})
         scale = float(np.mean(problem.spread**2)) * independent_share(problem, start)
         search = Search(problem, plain.starts, scale, watch=search.watch)
+        if not smaller:  # a set that was grown step by step may hold the misses up
+            looked_again(search.watch, partial(leap, search, start, min(most, LEAPS_ANYHOW)))
         found = _grown_from(search, start, found, min(most, LEAPS_ANYHOW))
         spans = gross_spans(problem, found.fit)
     if not spans or search.watch.stopped:
@@ -178,7 +180,6 @@ def _grown_from(search: Search, base: Fit, found: Explanation, most: int) -> Exp
         for c in known.members:
             if c.effect.contains is not None:
                 search.coarser(known, c)
-        leap(search, base, most)
         return preferred(search, grow(search, known, most, finer=False), most)
 
     return looked_again(search.watch, look) or best_so_far(search, base, most)
