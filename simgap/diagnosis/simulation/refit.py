@@ -15,7 +15,7 @@ import numpy as np
 from simgap.arrays import Bools, Floats, Ints
 from simgap.diagnosis.record.record import MIN_SAMPLES
 from simgap.diagnosis.simulation.initial import at_rest, initial_states
-from simgap.diagnosis.simulation.noise_law import are_gross
+from simgap.diagnosis.simulation.noise_law import LIMIT, are_gross
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import chunks, state_columns, state_steps
 from simgap.diagnosis.thresholds import NEAR
@@ -69,10 +69,11 @@ def refit_from_all(problem: Problem, theta: Floats, x0: Floats) -> Refit:
 
 
 def stand_out(problem: Problem, theta: Floats, chi2: Floats) -> Bools:
-    """Windows (w,) whose chi^2 stands out of the others' by more than white noise does; a gross error may stand out."""
+    """Windows (w,) whose chi^2 stands out of the others' by more than white noise does; gross errors may, in fewer than
+    half of a window's readings: where most are, the fit follows what is disturbed."""
     size = chi2 / problem.counts
     if problem.usual is not None and not problem.model.rubs(theta):
-        return np.zeros(len(size), dtype=bool)
+        return np.asarray(size > 0.5 * LIMIT**2 * np.mean(np.square(problem.spread)))
     return np.asarray(size > np.median(size) * (1.0 + NEAR * np.sqrt(2.0 / problem.counts)))
 
 
