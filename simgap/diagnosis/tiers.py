@@ -189,14 +189,9 @@ def _again(search: Search, base: Fit, found: Explanation) -> Explanation:
 
 
 def _in_the_place(search: Search, found: Explanation) -> list[Explanation]:
-    """Each new effect in the place of what it resembles, where that was found: of one such effect and of all."""
-    options: list[Explanation] = []
-    for c in search.problem.model.candidates:
-        like = [m for m in found.members if m.effect.name in c.effect.resembles]
-        others = [k.key for k in search.problem.model.candidates if k.key != c.key]
-        for gone in [[m] for m in like] + ([like] if len(like) > 1 else []):
-            options += search.joined(_less(search, found, gone), others)
-    return options
+    """New effects in the place of each one that was found, those that promise most."""
+    first = _first(search)
+    return [e for m in found.members for e in search.joined(search.without(found, m), first, NARROW)]
 
 
 def _less(search: Search, found: Explanation, gone: Collection[Candidate]) -> Explanation:
