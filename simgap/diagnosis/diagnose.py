@@ -133,11 +133,12 @@ def _sought(model: SymbolicModel, record: Record, settings: DiagnosisSettings, w
     wider, wide = tiers.screened(*before)
     if wider is None:
         pushed = None if seek.explained_by_one(*before) else seek.under_its_law(parts, *before, most, not_tried)
-        if pushed is not None and pushed[0].left_out:
+        if pushed is not None and pushed[0].left_out and not tiers.explain_all(pushed[1][2], wide):
             parts, ends = pushed
             tiers, wide = replace(tiers, like=parts), None
         else:  # all data by least squares, from the beginning
-            robust = None if pushed is None or seek.acts_later(pushed[1][0], pushed[1][2]) else pushed
+            law = pushed is not None and not pushed[0].left_out and not seek.acts_later(pushed[1][0], pushed[1][2])
+            robust = pushed if law else None
             ends = seek.searched(parts.known, most, not_tried, watch, before=before)
         wider = tiers.second(ends[0], ends[2], wide)
     wider = tiers.motors(*(wider or (parts, ends))[1][::2]) or wider

@@ -83,6 +83,18 @@ class Tiers:
 
         return looked_again(search.watch, look), wide[0] if wide else None
 
+    def explain_all(self, found: Explanation, wide: Begun | None) -> bool:
+        """Whether one effect of the second tier beside what was found without some of the data explains these too."""
+        if wide is None:
+            return False
+        _, search, base = wide
+
+        def look() -> bool:
+            known = _again(search, base, found)
+            return any(search.reached(e) for e in search.near(known).joined(known, exclude=_first(search)))
+
+        return bool(looked_again(search.watch, look))
+
     def second(self, first: Search, found: Explanation, wide: Begun | None) -> tuple[Parts, Searched] | None:
         """The search with the second tier, where the first answer leaves more than noise or holds what one resembles.
 
