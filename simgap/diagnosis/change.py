@@ -30,7 +30,8 @@ def sides_apart(
 ) -> Diagnosis | None:
     """The answer for the longer side of a change, with the change among the faults of the recording.
 
-    None where no change promises much, where a side by itself is not down to its noise, or no number differs.
+    None where no change promises much, where a side by itself is not down to its noise, or the sides differ in no
+    number or in what they name.
 
     Args:
         record: the data; settings: of the diagnosis.
@@ -100,8 +101,11 @@ def _cut(record: Record, change: Change, window_s: float) -> tuple[Record | None
 
 
 def _fault(change: Change, record: Record, sides: tuple[Diagnosis, Diagnosis], about: str) -> RecordingFault | None:
-    """The finding in words: when, and which effects have another number."""
+    """The finding in words: when, and which effects have another number; None where the sides name different ones, as
+    then neither set is what the plant lacks."""
     first, second = ({(e.name, e.on): e for e in d.effects} for d in sides)
+    if not (first.keys() <= second.keys() or second.keys() <= first.keys()):
+        return None
     keys = [k for k in {**first, **second} if _differs(first.get(k), second.get(k), k[0])]
     if not keys:
         return None
