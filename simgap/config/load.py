@@ -33,12 +33,26 @@ MOST_NODES = 200_000
 _BOOL, _INT, _FLOAT, _NULL, _MERGE = (f"tag:yaml.org,2002:{kind}" for kind in ("bool", "int", "float", "null", "merge"))
 
 
+_QUOTE = "A comma ends an entry within [ ] and { }: put a text that has one in quotes, as in 'atan2(a, b)'."
+
+
 class _Loader(yaml.SafeLoader):
     def fetch_more_tokens(self) -> None:
         if self.flow_level + len(self.indents) > DEEPEST:  # before the scanner grows slow and the composer recurses
             mark = self.get_mark()
             raise ScannerError(None, None, f"more than {DEEPEST} levels within each other", mark)
         super().fetch_more_tokens()
+
+    def scan_plain(self) -> Any:
+        token = super().scan_plain()
+        if self.peek() == "," and token.value.count("(") > token.value.count(")"):
+            raise ScannerError(None, None, f"{excerpt(repr(token.value))} is cut at a comma", token.start_mark, _QUOTE)
+        return token
+
+    def parse_flow_mapping_empty_value(self) -> Any:
+        mark: Any = self.peek_token().start_mark  # type: ignore[no-untyped-call]
+        word = re.split("[,{]", mark.buffer[: mark.pointer])[-1].strip()
+        raise ParserError(None, None, f"{excerpt(repr(word))} has no value", mark, _QUOTE)
 
     def construct_document(self, node: yaml.Node) -> Any:
         _check_graph(node)
@@ -85,7 +99,8 @@ def read_yaml(path: Path) -> Any:
         mark = getattr(error, "problem_mark", None)
         line = f"line {mark.line + 1}" if mark else None
         problem = excerpt(getattr(error, "problem", None) or error)
-        remedy = "Look at that line and at the one above it: a colon, a quote or the indentation."
+        general = "Look at that line and at the one above it: a colon, a quote or the indentation."
+        remedy = getattr(error, "note", None) or general
         tabs = [k for k, own in enumerate(text.splitlines(), 1) if "\t" in own[: len(own) - len(own.lstrip())]]
         if tabs and isinstance(error, ScannerError | ParserError):
             line, problem, remedy = f"line {tabs[0]}", "a tab in the indentation", "Indent with spaces."

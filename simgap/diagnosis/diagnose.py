@@ -27,12 +27,14 @@ from simgap.diagnosis.simulation.parts import Parts, parts_of
 from simgap.diagnosis.thresholds import FIT_QUALITY, MATTERS
 from simgap.diagnosis.tiers import Tiers
 from simgap.diagnosis.verdict.faults import filtered_channels
+from simgap.effects import MemoryInputEffect
 from simgap.errors import UserError
 from simgap.model.symbolic import SymbolicModel
+from simgap.notation import joined
 
 _UNKNOWN_PAST = (
-    "The first {:.3g} s of each trace are not compared: what was commanded before it, which the record does not hold, "
-    "may still act there. Longer traces lose less."
+    "The first {:.3g} s of each trace are not compared: with {}, found on the whole of it, what was commanded before, "
+    "which the record does not hold, may still act there. Begin to record as long before the input first changes."
 )
 
 
@@ -146,9 +148,11 @@ def _sought(model: SymbolicModel, record: Record, settings: DiagnosisSettings, w
     search, _, found = ends
     reach, late = parts.known.reach(found.fit.theta), parts.known.ahead(found.fit.theta)
     if late > 0.0 or reach > parts.known.reach(search.problem.model.null):  # commands outside the record are unknown
-        whole, parts = parts, parts.past_the_unknown(reach).changed(lambda p: p.before_the_end(late))
+        whole, parts = parts, parts.past_the_unknown(reach)
         if parts.known.windows.samples < (1.0 - MATTERS) * whole.known.windows.samples:
-            said = (*said, _UNKNOWN_PAST.format(reach))
+            why = joined([c.effect.phrase(c.on) for c in found.members if isinstance(c.effect, MemoryInputEffect)])
+            said = (*said, _UNKNOWN_PAST.format(reach, why))
+        parts = parts.changed(lambda p: p.before_the_end(late))
         ends = seek.searched(parts.known, most, not_tried, watch, (found, chi2_dof(search.problem, found.fit)))
     filtered = () if watch.stopped else tuple(filtered_channels(ends[0], ends[2]))
     if filtered:

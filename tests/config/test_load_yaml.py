@@ -26,6 +26,12 @@ def test_aliases_and_merges_still_work(tmp_path):
         "a": {"c": 1, "d": 2}, "e": {"c": 3, "d": 2}, "f": {"c": 1, "d": 2}}  # fmt: skip
 
 
+def test_commas_within_quotes_and_blocks_are_text(tmp_path):
+    text = "a: f(x, y)\nb: ['f(x, y)', \"d,e.csv\", (x), g(x]\nc: {d: , e: f(x), 'g': 1}"
+    assert content(tmp_path, text) == {
+        "a": "f(x, y)", "b": ["f(x, y)", "d,e.csv", "(x)", "g(x"], "c": {"d": None, "e": "f(x)", "g": 1}}  # fmt: skip
+
+
 BOMB = "a: &a [1,1,1,1,1,1,1,1,1]\n" + "".join(
     f"{chr(98 + k)}: &{chr(98 + k)} [{','.join(['*' + chr(97 + k)] * 9)}]\n" for k in range(20)
 )
@@ -52,6 +58,9 @@ REFUSED = {
     "large": ("#" * (LARGEST + 1), "the most are"),
     "echo": ("a: {" + "x" * 20_000 + " 'b", "not valid YAML"),
     "tab": ("a:\n\tb: 1", "line 2: not valid YAML: a tab in the indentation. Indent with spaces"),
+    "comma in a list": ("a: 1\nb: [f(x, g(y, z)), 2]", r"line 2: .*'f\(x' is cut at a comma.*in quotes"),
+    "comma in a mapping": ("b: {c: f(x, y), d: 2}", r"line 1: .*'f\(x' is cut at a comma.*in quotes"),
+    "comma in a name": ("b: {c: d,e.csv, f: 2}", r"line 1: .*'e.csv' has no value.*in quotes"),
     "two documents": ("--- a\n--- b", "another document"),
 }
 

@@ -21,6 +21,7 @@ from simgap.diagnosis.verdict.held_out import HeldOut
 from simgap.diagnosis.verdict.score import Errors, Gain
 from simgap.effects import EFFECTS
 from simgap.effects.base import Quoted
+from simgap.model.symbolic import SymbolicModel, Variable, symbol
 from tests.diagnosis.plants import block, point_pendulum
 from tests.undeclared.rig import dry_friction, pendulum
 
@@ -127,3 +128,25 @@ def test_what_confirms_must_ask_for_every_effect_and_be_down_to_its_noise(change
         changed = {"corrected": replace(held, ratio=changed["corrected"], chi2=1440.0, free=1000)}
     assert verdict(found, replace(asked, **changed)) == "partial"
     assert verdict(found, replace(asked, agree=False, **changed)) == "unexplained"
+
+
+def test_what_is_not_compared_is_said_with_the_effect_that_reaches_so_far_back():
+    """A heater whose power lags 20 s behind its command, switched on 20 s after the record begins."""
+    dt, rng = 4.0, np.random.default_rng(72)
+    t = dt * np.arange(160)
+    power = np.where(t < 20.0, 0.0, 50.0)
+    felt, heat = np.zeros(160), np.zeros(160)
+    for k in range(159):  # exact for a power held between stamps
+        gone = np.exp(-dt / 20.0)
+        felt[k + 1] = power[k] + (felt[k] - power[k]) * gone
+        mean = power[k] + (felt[k] - power[k]) * (1.0 - gone) * 20.0 / dt
+        heat[k + 1] = heat[k] * np.exp(-0.006 * dt) + mean * (1.0 - np.exp(-0.006 * dt)) / 1.2
+    T, Q = symbol("T"), symbol("Q")
+    plant = SymbolicModel(
+        states=(Variable("T", "degC"),), inputs=(Variable("Q", "1"),), xdot=(0.005 * Q - 0.006 * T,), parameters={}
+    )
+    readings = heat[:, None] + 0.1 * rng.standard_normal((160, 1))
+    record = _record([(t, readings, power[:, None])], ("T",), ("Q",))
+    d = diagnose(plant, record, DiagnosisSettings(window_s=120.0, horizon_s=60.0, effects=("input_lag", "input_gain")))
+    (said,) = [w for w in d.warnings if "not compared" in w]
+    assert "the lag of Q, found on the whole of it" in said

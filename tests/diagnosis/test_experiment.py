@@ -14,7 +14,7 @@ from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.simulation.parts import parts_of
 from simgap.effects import AppliedEffect
-from simgap.extras.experiment.ask import Question, as_usable, ask, halves, shortest, windows_to_come
+from simgap.extras.experiment.ask import Question, as_usable, ask, halves, settable, shortest, windows_to_come
 from simgap.extras.experiment.propose import Wave, beside, tried, waves
 from simgap.extras.experiment.rivals import known_rivals
 from simgap.extras.next import paragraph
@@ -128,6 +128,23 @@ def test_pairs_that_nothing_tells_do_not_hide_those_that_an_input_does():
     said = paragraph(asked, advice, {"u": "N"}, "input.csv")
     assert "the others are separated" in said
     assert "the parameter m and the gain of u act alike; to separate these, set m" in said
+
+
+def test_a_constant_that_no_experiment_can_set_is_not_proposed():
+    """A drag that is declared 0.3 too small: its error and viscous friction are equal, and nobody sets a drag."""
+    m, v, c = (symbol(n) for n in ("m", "v", "c"))
+    plant = replace(
+        rail(), xdot=(v, (symbol("u") - c * v) / m),
+        parameters={"m": Parameter(MASS, "kg"), "c": Parameter(0.6, "N*s/m")},
+        named_parameters={"c": NamedParameter("c", 0.6, "N*s/m", {"c": c * symbol("ratio")})},
+    )  # fmt: skip
+    more = (AppliedEffect("parameter_error", "c", {"ratio": 1.0 + VISCOUS / 0.6}),)
+    data = record(viscous=0.6 + VISCOUS, gain=1.0)
+    assert [name for name, _ in settable(plant, (DRAG, more))] == ["m"]
+    asked = replace(question(data, DRAG, more, model=plant), brief=False)
+    advice = ask(asked, np.random.default_rng(4))
+    assert advice.remedy is None
+    assert "set c" not in paragraph(asked, advice, {"u": "N"}, "input.csv")
 
 
 def test_an_input_that_leaves_the_range_is_made_smaller(friction):

@@ -173,10 +173,11 @@ def _excitation(record: Record, model: SymbolicModel) -> Iterator[str]:
         spread = max(float(np.ptp(trace.u[:, k])) for trace in record.traces)
         if spread <= 1e-9:
             same = float(np.ptp([trace.u[0, k] for trace in record.traces])) <= 1e-9
-            lost = "gain, bias, delay and dead zone" if same else "delay and lag"
+            lost = "gain, bias, dead zone, delay and lag" if same else "delay and lag"
             yield (
-                f"input {name} is constant{'' if same else ' within each trace'}: its {lost} cannot be identified; "
-                "change it within the record, as a sum of sines or in steps that the plant has time to answer"
+                f"input {name} is constant{'' if same else ' within each trace'}: its {lost} cannot be identified, nor "
+                "a lag of a sensor; change it within the record, as a sum of sines or in steps that the plant has time "
+                "to answer, and begin before the first: a step in the first row hides what follows it late"
             )
     for c in model.coordinates:
         if c.position in record.measured:

@@ -96,7 +96,7 @@ def shortest(whole: int, counts: Iterator[int], at: Callable[[int], T | None]) -
 
 
 FACTOR = 1.5
-"""Value to which a number of the plant is set, over its declared one. Judgement: far enough to show."""
+"""Value to which a mass is set, over its declared one. Judgement: far enough to show."""
 
 
 @dataclass(frozen=True)
@@ -110,13 +110,11 @@ class Remedy:
 
 
 def settable(model: SymbolicModel, sets: Sequence[Sequence[AppliedEffect]]) -> Iterator[tuple[str, float]]:
-    """Numbers of the plant that a person can weigh or measure, and what to set them to: first those in doubt."""
-    doubted = [a.on for effects in sets for a in effects if a.name == "parameter_error" and a.on in model.parameters]
-    masses = [n for n, p in model.parameters.items() if p.unit == "kg" and "." not in n]
-    for name in dict.fromkeys((*doubted, *masses)):
-        value = model.parameters[name].value
-        if value != 0.0:
-            yield name, FACTOR * value
+    """Masses of the plant, which a weight changes, and what to set them to: first those in doubt."""
+    doubted = {a.on for effects in sets for a in effects if a.name == "parameter_error"}
+    masses = [n for n, p in model.parameters.items() if p.unit == "kg" and "." not in n and p.value != 0.0]
+    for name in sorted(masses, key=lambda n: n not in doubted):
+        yield name, FACTOR * model.parameters[name].value
 
 
 def best_remedy(options: Iterable[Remedy], wanted: float) -> Remedy | None:
@@ -231,10 +229,10 @@ def _shorter(
 
 
 def _remedies(question: Question, u: Floats, rng: np.random.Generator) -> Iterator[Remedy]:
-    """Numbers of the plant to set, then states to read."""
+    """Masses to set, then states to read."""
     for name, value in settable(question.model, question.sets):
         size = f"{number(value)} {pretty_unit(question.model.parameters[name].unit)}".strip()
-        words = f"set {name} to a known value, such as {size} (weigh or measure it), and say so under"
+        words = f"set {name} to a known value, such as {size} (add a weight), and say so under"
         yield Remedy("condition", name, f"{words} measured.conditions", _set(question, name, value, rng))
     for name in question.model.state_names:
         if name not in question.record.measured:
@@ -242,7 +240,7 @@ def _remedies(question: Question, u: Floats, rng: np.random.Generator) -> Iterat
 
 
 def _set(question: Question, name: str, value: float, rng: np.random.Generator) -> float:
-    """How sure one is once a number of the plant is known to have another value: no explanation errs about it then."""
+    """How sure one is once a mass is known to have another value: no explanation errs about it then."""
     own = len(question.conditions[0])
     model = conditioned(question.model, [name])
     declared = question.model.parameters[name].value
