@@ -43,6 +43,14 @@ def test_friction_that_doubles_at_an_instant_is_told_with_both_numbers():
     assert "viscous friction at the slide" in change.sentence
 
 
+def test_sides_that_name_different_effects_are_no_change():
+    """Neither set is what the plant lacks, then: an effect that no number of the library describes acts in both."""
+    was, now = Hidden(viscous={"slide": 0.5}), Hidden(coulomb={"slide": 0.6})
+    d = _diagnosed(oscillator(), replace(was, after=(0, 12.0), later=now))
+    assert not _changes(d)
+    assert d.verdict != "attributed"
+
+
 def _only(found):
     (estimate,) = found.parameters.values()
     return estimate

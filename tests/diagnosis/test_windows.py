@@ -127,6 +127,26 @@ def test_a_window_that_ended_in_another_well_is_begun_afresh():
     assert np.all(found.chi2 <= stuck.chi2)
 
 
+def test_a_window_that_follows_the_few_readings_before_a_push_is_begun_afresh():
+    """Where most of a window's readings are gross errors the fit follows the others; where few are it is right."""
+    rng = np.random.default_rng(91511)
+    wave = 3.0 * np.repeat(rng.uniform(-1.0, 1.0, 60), 10)
+    x = moved(lambda q, v, u: u - 2.0 * v, (0.0, 0.5), lambda _: iter(wave))[:-1]
+    y = x[:, :1] + NOISE * rng.standard_normal((len(x), 1))
+    y[200:208] -= 1.0  # of the third window; of the fifth the last ones
+    y[490:500] += 1.0
+    record = Record((Trace("run", np.arange(len(x)) * DT, y, wave[:, None]),), ("q",), ("u",))
+    compiled = cached_supermodel(on_a_line(lambda q, v, u: u - 2.0 * v), ("q",))
+    plain = build_problem(compiled, record, split_windows(record, 1.0), np.array([NOISE]))
+    problem, begin = replace(plain, usual=np.array([NOISE])), x[plain.windows.start].copy()
+    begin[2, 0] -= 1.0
+    stuck = refit(problem, compiled.null, begin)
+    lost = stand_out(problem, compiled.null, stuck.chi2)
+    assert list(np.flatnonzero(lost)) == [2]
+    found = begun_afresh(problem, compiled.null, stuck, lost)
+    assert found.x0[2, 0] == pytest.approx(x[plain.windows.start[2], 0], abs=5.0 * NOISE)
+
+
 @pytest.mark.parametrize("suits", [True, False])
 def test_an_answer_on_a_step_that_is_too_long_is_sought_again_on_half_of_it(suits, monkeypatch):
     rng = np.random.default_rng(91504)

@@ -60,6 +60,31 @@ def test_a_motor_at_its_voltage_is_told_from_a_limit_and_from_friction(plant, hi
         assert {n: e.parameters[n].value for n in true} == pytest.approx(true, rel=0.5 if plant == "slide" else 0.03)
 
 
+@pytest.mark.parametrize(
+    ("plant", "hidden", "name"),
+    [
+        ("motor", {"mu": 0.12, "viscous": 0.06}, "load_friction"),
+        ("arm", {"ratio_p": 1.08, "ratio_m": 0.9, "viscous": 0.06}, "input_directional_gain"),
+    ],
+)
+def test_an_effect_of_the_second_look_is_found_beside_one_of_the_first(plant, hidden, name):
+    """Without it two or three others come nearest, of which it replaces one or two."""
+    found = diagnosed(plant, hidden, 6)
+    assert found.verdict == "attributed"
+    effects = {e.name: {n: p.value for n, p in e.parameters.items()} for e in found.effects}
+    beside = {n: v for n, v in hidden.items() if n != "viscous"}
+    assert effects.pop("viscous_friction") == pytest.approx({"b": hidden["viscous"]}, rel=0.02)
+    assert effects == {name: pytest.approx(beside, rel=0.02)}
+
+
+def test_what_a_drive_cannot_give_at_speed_is_no_push():
+    """With a gain beside it, a torque-speed limit acts now and then, far beyond what is left elsewhere."""
+    found = diagnosed("arm", {"ratio_p": 0.9, "ratio_m": 0.9, "stall": 2.4, "fall": 0.24}, 6)
+    assert found.verdict == "attributed"
+    assert {e.name for e in found.effects} == {"torque_speed_limit", "input_gain"}
+    assert not found.recording
+
+
 def test_a_wrong_scale_of_a_sensor_is_told_from_a_gain_where_the_motion_tells_it():
     """An arm's weight tells it; what is linear and read by one sensor cannot, and both are told."""
     (effect,) = diagnosed("arm", {"sensor": 1.05}, 4).effects
