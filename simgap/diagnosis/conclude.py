@@ -158,7 +158,7 @@ def _graded(record: Record, parts: Parts, chosen: Chosen, evidence: Evidence) ->
     named = word in ("attributed", "partial") or (word == "none" and evidence.needed)
     others = _rivals(chosen) if named else []
     unsure = doubts(others, chosen.found, chosen.full.problem, chosen.kept)
-    faint = faint_memory(parts.known) if word == "attributed" and members else ()
+    faint = faint_memory(parts.known, chosen.kept.fit) if word == "attributed" and members else ()
     word = "partial" if (unsure or faint) and word == "attributed" else word
     if word != "partial" or not evidence.at_noise:
         return _Grade(word, named, others, further, faint, (), unsure)

@@ -21,10 +21,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from simgap.arrays import Floats, Ints
+from simgap.arrays import Floats
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.noise_law import Colour, whiten
 from simgap.diagnosis.simulation.problem import Problem
+from simgap.diagnosis.simulation.sensitivity import state_columns, state_steps
 from simgap.diagnosis.thresholds import A_FEW, BIC_GAIN, BY_CHANCE, FAR
 from simgap.late import scipy
 from simgap.statistics import chi2, fisher
@@ -32,7 +33,8 @@ from simgap.statistics import chi2, fisher
 Law = Callable[[Floats], Floats]
 _FIRST = 3  # the initial states of a window take what is slower
 _HOP = 5  # samples apart: noise weighs less
-_OWN = 0.8  # mean worth of readings: those of an encoder that share its rounding are no noise that remembers
+OWN = 0.8
+"""Mean worth of readings: those of an encoder that share its rounding are no noise that remembers."""
 _ASKED = 20  # lags whose correlations are asked together
 _LAGS = 1 + 2 * np.arange(12)  # samples; a command of the same one may be fed back from the reading, noise and all
 _BINS = 1.5  # neighbouring frequencies that a Hann window makes one
@@ -51,7 +53,7 @@ def noise_colour(problem: Problem, theta: Floats, x0: Floats) -> tuple[Floats, C
     read, coordinates = problem.model.measured, problem.model.model.coordinates
     twice = {n for p in coordinates for n in (p.position, p.velocity) if n == p.position or p.position in read}
     for c, name in enumerate(read):
-        motion = _motion(problem, c) if np.mean(problem.weight[:, c]) > _OWN else 0.0
+        motion = _motion(problem, c) if np.mean(problem.weight[:, c]) > OWN else 0.0
         falls = (2, 3) if name in twice else (1, 2, 3)
         law = _law(*_spectrum(problem, residual[:, c]), dt, motion, falls) if motion > 0.0 else None
         if law is not None:
@@ -167,21 +169,29 @@ def _past(problem: Problem) -> Floats:
     return np.concatenate(blocks)
 
 
-def memory_left(problem: Problem, found: Fit) -> bool:
-    """Whether the misses of some channel correlate with themselves more than independent ones would by chance.
+def memory_left(problem: Problem, found: Fit) -> tuple[int, ...]:
+    """Channels whose misses correlate with themselves more than independent ones would by chance.
 
-    Needs no size of the noise. Source: Ljung, Box (1978), Biometrika 65(2), of the pairs within windows.
+    Needs no size of the noise. Source: Ljung, Box (1978), Biometrika 65(2), of the pairs within windows. What the
+    initial states took of white noise makes the rest correlate, many short windows by much: it is given back.
     """
-    misses = problem.residuals(found.theta, found.x0)
+    misses, states = state_columns(problem, found.theta, found.x0, state_steps(found.x0))
+    own = [misses[a:b] for a, b in pairwise(problem.rows)]
+    taken = [np.linalg.qr(states[:, a:b].reshape(len(states), -1).T)[0] for a, b in pairwise(problem.rows)]
+    taken = [q.reshape(*miss.shape, -1) for q, miss in zip(taken, own, strict=True)]
     at_most = float(chi2.isf(BY_CHANCE / misses.shape[1], _ASKED))
-    return any(_portmanteau(misses[:, k], problem.rows) > at_most for k in range(misses.shape[1]))
+    each = range(misses.shape[1])
+    return tuple(k for k in each if _portmanteau([m[:, k] for m in own], [q[:, k] for q in taken]) > at_most)
 
 
-def _portmanteau(miss: Floats, rows: Ints) -> float:
-    """Sum over the lags of pairs times squared correlation: of independent misses chi^2, one for each lag."""
-    total, size = 0.0, float(np.mean(miss**2))
+def _portmanteau(own: Sequence[Floats], taken: Sequence[Floats]) -> float:
+    """Sum over the lags of pairs times squared correlation: of independent misses chi^2, one for each lag.
+
+    own: misses of each window (n,); taken: the directions that its initial state took, of length 1, (n, nx).
+    """
+    total, size = 0.0, float(np.mean(np.concatenate(own) ** 2))
     for lag in range(1, _ASKED + 1):
-        products = [miss[a : b - lag] * miss[a + lag : b] for a, b in pairwise(rows)]
-        pairs = np.concatenate(products)
-        total += float(np.sum(pairs)) ** 2 / max(pairs.size * size**2, 1e-300)
+        pairs = np.concatenate([miss[:-lag] * miss[lag:] for miss in own])
+        lost = size * sum(float(np.sum(q[:-lag] * q[lag:])) for q in taken)
+        total += (float(np.sum(pairs)) + lost) ** 2 / max(pairs.size * size**2, 1e-300)
     return total

@@ -21,6 +21,7 @@ from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import RecordingFault
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit
+from simgap.diagnosis.search.noise_colour import OWN, memory_left
 from simgap.diagnosis.simulation.noise_law import are_gross
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
@@ -71,10 +72,16 @@ def filtered_channels(search: Search, found: Explanation) -> tuple[RecordingFaul
     )
 
 
-def faint_memory(problem: Problem) -> tuple[str, ...]:
-    """Channels of which a part of the noise alone remembers."""
-    shares = () if problem.colour is None else zip(problem.model.measured, problem.colour.shared, strict=True)
-    return tuple(name for name, share in shares if 0.0 < share < MOST)
+def faint_memory(problem: Problem, at: Fit | None = None) -> tuple[str, ...]:
+    """Channels of which a part of the noise alone remembers: by its law, and where it has none, by what a fit misses.
+
+    A law is sought only where more than the noise is left: a misfit that adds less than that remembers as well.
+    """
+    names = problem.model.measured
+    if problem.colour is not None:
+        return tuple(name for name, share in zip(names, problem.colour.shared, strict=True) if 0.0 < share < MOST)
+    left = () if at is None else memory_left(problem, at)
+    return tuple(names[k] for k in left if np.mean(problem.weight[:, k]) > OWN)
 
 
 def noise_faults(problem: Problem) -> list[RecordingFault]:

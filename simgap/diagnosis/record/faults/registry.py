@@ -49,7 +49,9 @@ class ColouredNoise(Fault):
 class FaintMemory(Fault):
     """Less than half of a channel's noise is correlated.
 
-    Detected: effects are then at most `partial`: backlash on a soft spring leaves such a trace.
+    Detected: by a law of the noise, or by what an answer leaves within it (Ljung-Box test, twenty readings, p < 10^-6).
+    Effects are then at most `partial`: backlash on a soft spring, or damping that grows with the way, leaves such
+    a trace.
     """
 
     name = "faint_memory"
