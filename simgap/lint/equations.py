@@ -193,7 +193,8 @@ def of_expression(expr: sp.Expr, known: Mapping[str, Any]) -> Any:
     if expr.is_Symbol:
         return known.get(str(expr))
     if expr.is_number:
-        return pure if expr.is_Rational and Fraction(int(expr.p), int(expr.q)) in _PURE_NUMBERS else None
+        pure_number = expr.is_Rational and expr != 0 and Fraction(int(expr.p), int(expr.q)) in _PURE_NUMBERS
+        return pure if pure_number else None  # 0 is of any unit
     if isinstance(expr, kinds(_LIKE_ITS_TERMS)):
         return _alike(expr.args, known)
     if isinstance(expr, sp.Mul):

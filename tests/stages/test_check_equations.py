@@ -124,7 +124,7 @@ def test_no_equation_that_ships_is_told(root):
     ("text", "wrong"),
     [
         ("v/L", ""), ("(u + i)/L", "adds"), ("sin(v)", "sin(v) is taken of"), ("9.81*i", ""), ("sin(3.5*v)*i/T", ""),
-        ("v", "gives"), ("Abs(i)/T + Max(i, 2*i)/T", ""), ("tanh(i/(2*i))*i/T", ""), ("i**2", "gives A^2"),
+        ("v", "gives"), ("Abs(i)/T + Max(i, 2*i, 0)/T", ""), ("tanh(i/(2*i))*i/T", ""), ("i**2", "gives A^2"),
     ],
 )  # fmt: skip
 def test_dimensions_of_a_rate(text, wrong):

@@ -185,8 +185,4 @@ def _unexplained(document: Document) -> list[str]:
         return ["No effect that was tried explains the difference between model and data."]
     if over:
         return [f"No effect of the library is confirmed on held-out data; {_also(over)}.", f"Look for {seek}."]
-    best = document["candidates"][0] if document["candidates"] else None
-    text = "No effect of the library explains the difference between model and data"
-    if best is not None:
-        text += f" (the nearest is {phrase(best)}, which is not enough)"
-    return [f"{text}.", f"Look for {seek}."]
+    return ["No effect of the library explains the difference between model and data.", f"Look for {seek}."]
