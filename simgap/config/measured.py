@@ -97,7 +97,7 @@ def named_recordings(case: Path, names: Sequence[str]) -> list[Path]:
     for place, path in found:
         if not reading.is_file(path):
             problem = f"{'is a folder' if path.is_dir() else 'there is no file'}: '{names[place]}'"
-            remedy = "Give a CSV, Parquet, JSON or MCAP file, from the folder of the case; quote a name with a comma."
+            remedy = "Correct the path, which starts from the folder of the case; quote a name with a comma."
             raise UserError(problem, file=case, key=f"measured.files.{place}", remedy=remedy)
     return [path for _, path in found]
 

@@ -177,9 +177,6 @@ def _grown_from(search: Search, base: Fit, found: Explanation, most: int) -> Exp
 
     def look() -> Explanation:
         known = search.explain(found.members, found.fit.theta, found.fit) if found.members else search.empty(base)
-        for c in known.members:
-            if c.effect.contains is not None:
-                search.coarser(known, c)
         return preferred(search, grow(search, known, most, finer=False), most)
 
     return looked_again(search.watch, look) or best_so_far(search, base, most)
