@@ -34,6 +34,7 @@ Searched = tuple[Search, Fit, Explanation]
 
 Found = TypeVar("Found")
 _HALVINGS = 3  # of the integration step
+_PAIRS = 2  # effects that are sought together under the law of gross errors
 _QUIETER = 3  # estimates of the noise, each from the misses under the one before
 
 
@@ -149,8 +150,8 @@ def under_its_law(
         start = fit(problem, base.theta, base.begin(problem), [], {})
         scale = float(np.mean(problem.spread**2)) * independent_share(problem, start)
         search = Search(problem, plain.starts, scale, watch=search.watch)
-        if not smaller:  # a set that was grown step by step may hold the misses up
-            looked_again(search.watch, partial(leap, search, start, min(most, LEAPS_ANYHOW)))
+        if not smaller:  # a set that was grown step by step may hold the misses up; three far from the noise cost much
+            looked_again(search.watch, partial(leap, search, start, min(most, _PAIRS)))
         found = _grown_from(search, start, found, min(most, LEAPS_ANYHOW))
         spans = gross_spans(problem, found.fit)
     if not spans or search.watch.stopped:
