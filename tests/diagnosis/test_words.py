@@ -250,7 +250,8 @@ def test_sentences():
     assert "gamma" not in partial
     assert "no effect is missing" in said(document("none", []))
     nothing = said(document("unexplained", [], candidates=[FRICTION]))
-    assert "nearest is Coulomb friction at the hinge" in nothing
+    assert nothing.startswith("No effect of the library explains the difference between model and data. Look for ")
+    assert "Coulomb" not in nothing  # the first of the list may explain next to nothing
 
 
 def test_the_limit_on_the_number_of_effects_is_no_end_of_the_library():
