@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
+from functools import cached_property, partial, reduce
 
-from simgap.diagnosis.record.folds import Windows
+from simgap.arrays import Floats
 from simgap.diagnosis.result import DiagnosisSettings, Key
 from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.equivalence import rivals
@@ -19,7 +19,7 @@ from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.thresholds import FIT_QUALITY
 from simgap.diagnosis.verdict.score import gained
-from simgap.diagnosis.verdict.sets import Carried, real, transferable, trials
+from simgap.diagnosis.verdict.sets import Carried, Trial, density, real, transferable, trials
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +31,8 @@ class Chosen:
         found: what it chose there; kept: the same on every sample.
         full, base: a search on every sample, and the model as declared there.
         carried: from the choice off the noise floor.
+        held: parts of the data, each with what a set that is judged on it is fitted to.
+        horizon_s: how far ahead is predicted, s.
         at_floor: whether the fit reaches the noise; agree: whether halves of the data give the same coefficients.
         barred: candidates that were not tried, and why.
     """
@@ -42,16 +44,23 @@ class Chosen:
     full: Search
     base: Fit
     carried: Carried | None
+    held: Callable[[], Sequence[Trial]]
+    horizon_s: float
     at_floor: bool
     agree: bool
     barred: Mapping[Key, str]
 
     def predicts_better_than(self, other: Chosen) -> bool:
         """Whether its set surely predicts better than another's, or than the model as declared where that has none."""
-        if self.carried is None:
-            return False
-        than = self.carried.declared if other.carried is None else other.carried.predicted
-        return gained(than, self.carried.predicted).sure
+        return gained(other.predicted, self.predicted).sure
+
+    @cached_property
+    def predicted(self) -> Floats:
+        """Log density (b,) of its errors ahead in each block, fitted to others."""
+        if self.carried is not None:
+            return self.carried.predicted
+        put = self.kept if self.at_floor else self.full.empty(self.base)
+        return density(put, self.held(), self.horizon_s, self.full.steps)
 
     def less(self, kept: Explanation) -> Chosen:
         """The same with some effects of what was chosen alone."""
@@ -60,24 +69,24 @@ class Chosen:
 
 
 def chosen(
-    parts: Parts, ends: Searched, settings: DiagnosisSettings, not_tried: Mapping[Key, str], judged: Windows
+    parts: Parts, ends: Searched, settings: DiagnosisSettings, not_tried: Mapping[Key, str], judged: Parts
 ) -> Chosen:
     """The set that is put to *confirm*, fitted on every sample of the other folds.
 
-    Off the noise floor sets compete by their predictions of the windows `judged`.
+    Off the noise floor sets compete by their predictions of the windows of `judged`.
     """
     known, (search, sparse, found) = parts.known, ends
     full = search if search.problem is known else Search(known, search.starts)
     base = sparse if full is search else fit(known, known.model.null, initial_states(known), [], {})
     kept = found if full is search else fitted_here(full, base, found)
     at_floor = chi2_dof(known, kept.fit) <= FIT_QUALITY
+    together = math.ceil((settings.horizon_s + 0.5 * judged.window_s) / judged.window_s)
+    held = partial(trials, known, judged.known.windows, together)
     agree, carried = True, None
     if found.members and not at_floor:
-        together = math.ceil((settings.horizon_s + 0.5 * parts.window_s) / parts.window_s)
         most = min(settings.max_effects, settings.most_off_floor)
-        held = trials(known, judged, together)
         carried = looked_again(
-            search.watch, lambda: transferable(*ends, held, settings.horizon_s, most, settings.max_effects)
+            search.watch, lambda: transferable(*ends, held(), settings.horizon_s, most, settings.max_effects)
         )
         agree = carried is not None and carried.agrees
         if carried is not None:
@@ -85,4 +94,7 @@ def chosen(
             same = [r.explanation for r in rivals(search, found) if r.exact]
             found = min((found, *same), key=by_place)
             kept = found if full.problem is search.problem else fitted_here(full, base, found)
-    return Chosen(search, sparse, found, real(full, kept, at_floor), full, base, carried, at_floor, agree, not_tried)
+    kept = real(full, kept, at_floor)
+    return Chosen(
+        search, sparse, found, kept, full, base, carried, held, settings.horizon_s, at_floor, agree, not_tried
+    )

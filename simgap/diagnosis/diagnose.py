@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
 from simgap.arrays import Floats
 from simgap.diagnosis import seek
 from simgap.diagnosis.change import Answer, sides_apart
-from simgap.diagnosis.choosing import chosen
+from simgap.diagnosis.choosing import Chosen, chosen
 from simgap.diagnosis.conclude import conclude
 from simgap.diagnosis.record.faults.registry import mended
 from simgap.diagnosis.record.noise import resolution
@@ -27,6 +27,7 @@ from simgap.diagnosis.simulation.parts import Parts, parts_of
 from simgap.diagnosis.thresholds import FIT_QUALITY, MATTERS
 from simgap.diagnosis.tiers import Tiers
 from simgap.diagnosis.verdict.faults import filtered_channels
+from simgap.diagnosis.verdict.sets import plausible
 from simgap.effects import MemoryInputEffect
 from simgap.errors import UserError
 from simgap.model.symbolic import SymbolicModel
@@ -77,56 +78,99 @@ def diagnose_mended(
 def _diagnosed(
     model: SymbolicModel, record: Record, settings: DiagnosisSettings, watch: Watch
 ) -> tuple[Diagnosis, Record]:
-    sought = _sought(model, record, settings, watch)
+    own, *others = ready(model, record, settings)
+    sought = _sought(model, own, settings, watch)
     seek.looked_again(watch, partial(watch.save, anyhow=True))
+    if others and not sought.settled:
+        under = seek.looked_again(watch, lambda: tuple(_sought(model, other, settings, watch) for other in others))
+        sought = replace(sought, others=(*sought.others, *(under or ())))
+    sought = sought.likeliest()
     if not sought.coloured:
         search, _, best = sought.ends
-        apart = sides_apart(sought.record, settings, search, best, _part_by(model, watch.tell))
+        apart = sides_apart(sought.ready.record, settings, search, best, _part_by(model, watch.tell))
         if apart is not None:
-            return replace(apart, recording=(*sought.faults, *apart.recording)), sought.record
-    return _concluded(model, settings, sought), sought.record
+            return replace(apart, recording=(*sought.ready.faults, *apart.recording)), sought.ready.record
+    return _concluded(model, sought), sought.ready.record
+
+
+@dataclass(frozen=True, eq=False)
+class Ready:
+    """A record as it is diagnosed.
+
+    Attributes:
+        record: without what is no measurement; parts: its folds; said: what is to be said of it; faults: seen in it.
+    """
+
+    record: Record
+    parts: Parts
+    said: tuple[str, ...]
+    faults: tuple[RecordingFault, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class _Sought:
-    """What the searches of a record end with.
+    """A hypothesis of what a record is, and what the searches under it end with.
 
     Attributes:
-        record: without what is no measurement; said: what is to be said of it; faults: seen in it.
+        ready: the record; settings: of the diagnosis.
         parts: the folds, as far as commands from the record alone act; ends: the search on them.
         filtered: velocities that were left out; not_tried: candidates that were not tried, and why.
-        coloured: whether the noise has a colour; robust: the folds and the search under the law of gross errors, where
-            those are no pushes.
+        coloured: whether the noise has a colour.
+        judged: folds on whose windows sets compete, its own if not given.
+        others: further hypotheses of the same record: that gross errors are no pushes, that columns are others.
     """
 
-    record: Record
-    said: tuple[str, ...]
-    faults: tuple[RecordingFault, ...]
+    ready: Ready
+    settings: DiagnosisSettings
     parts: Parts
     ends: seek.Searched
     filtered: tuple[RecordingFault, ...]
     not_tried: Mapping[Key, str]
     coloured: bool
-    robust: tuple[Parts, seek.Searched] | None
+    judged: Parts | None = None
+    others: tuple[_Sought, ...] = ()
+
+    @property
+    def reached(self) -> bool:
+        """Whether what was found is down to the noise."""
+        return chi2_dof(self.ends[0].problem, self.ends[2].fit) <= FIT_QUALITY
+
+    @property
+    def settled(self) -> bool:
+        """Whether that is no matter of belief either."""
+        return self.reached and plausible(self.ends[2])
+
+    @cached_property
+    def choice(self) -> Chosen:
+        """The set that is put to *confirm*."""
+        return chosen(self.parts, self.ends, self.settings, self.not_tried, self.judged or self.parts)
+
+    def likeliest(self) -> _Sought:
+        """The first hypothesis that none surely predicts better than; of several a plausible one.
+
+        This one, where it is down to the noise and plausible.
+        """
+        if not self.others or self.settled or self.ends[0].watch.stopped:
+            return self
+        every = [self, *(replace(other, judged=self.parts) for other in self.others)]
+        best = max(every, key=lambda each: float(np.mean(each.choice.predicted)))
+        level = [e for e in every if e is best or not best.choice.predicts_better_than(e.choice)]
+        return min(level, key=lambda each: not plausible(each.choice.kept))
 
 
-def _concluded(model: SymbolicModel, settings: DiagnosisSettings, sought: _Sought) -> Diagnosis:
+def _concluded(model: SymbolicModel, sought: _Sought) -> Diagnosis:
     """The answer from what was found: the set that is judged on *confirm*, and what *confirm* says of it."""
-    parts, ends, watch = sought.parts, sought.ends, sought.ends[0].watch
+    watch, ready = sought.ends[0].watch, sought.ready
     watch.over = True
     if watch.stopped:  # what is spent is spent: the answer stands on the samples that it was found on
-        parts = replace(parts, known=ends[0].problem)
-    choice = chosen(parts, ends, settings, sought.not_tried, parts.known.windows)
-    if sought.robust is not None and not (choice.at_floor or watch.stopped):
-        other = chosen(*sought.robust, settings, sought.not_tried, parts.known.windows)
-        if other.predicts_better_than(choice):
-            parts, choice = sought.robust[0], other
-    return conclude(model, sought.record, settings, parts, choice, sought.said, (*sought.faults, *sought.filtered))
+        sought = replace(sought, parts=replace(sought.parts, known=sought.ends[0].problem))
+    faults = (*ready.faults, *sought.filtered)
+    return conclude(model, ready.record, sought.settings, sought.parts, sought.choice, ready.said, faults)
 
 
-def _sought(model: SymbolicModel, record: Record, settings: DiagnosisSettings, watch: Watch) -> _Sought:
+def _sought(model: SymbolicModel, own: Ready, settings: DiagnosisSettings, watch: Watch) -> _Sought:
     """Search a record, tier by tier, and again where what was found changes what is known of it."""
-    record, parts, said, faults = ready(model, record, settings)
+    record, parts, said = own.record, own.parts, own.said
     not_tried = barred(model, record, settings.effects, settings.known)
     robust = None
     most, before = settings.max_effects, seek.begun(parts.known, not_tried, watch)
@@ -163,7 +207,8 @@ def _sought(model: SymbolicModel, record: Record, settings: DiagnosisSettings, w
     parts, ends = seek.no_louder_than_misses(parts, ends, _least_noise(record, settings, parts), most, not_tried)
     louder = seek.under_its_noise(parts, ends, most, not_tried)
     parts, ends = louder or (parts, ends)
-    return _Sought(record, said, faults, parts, ends, filtered, not_tried, louder is not None, robust)
+    sought = _Sought(replace(own, said=said), settings, parts, ends, filtered, not_tried, louder is not None)
+    return sought if robust is None else replace(sought, others=(replace(sought, parts=robust[0], ends=robust[1]),))
 
 
 def _least_noise(record: Record, settings: DiagnosisSettings, parts: Parts) -> Floats:
@@ -172,25 +217,24 @@ def _least_noise(record: Record, settings: DiagnosisSettings, parts: Parts) -> F
     return np.maximum(known, resolution(record) / np.sqrt(12.0))
 
 
-def ready(
-    model: SymbolicModel, record: Record, settings: DiagnosisSettings
-) -> tuple[Record, Parts, tuple[str, ...], tuple[RecordingFault, ...]]:
-    """The record without what a look at it shows to be no measurement, its folds, what is to be said, the faults."""
+def ready(model: SymbolicModel, record: Record, settings: DiagnosisSettings) -> list[Ready]:
+    """The record without what a look at it shows to be no measurement; another one where its columns may be others."""
     record, seen = mended(record, model)
     parts, said = parts_of(model, record, settings)
+    own = Ready(record, parts, said, seen)
     columns = better_columns(coarse(parts.known), settings.within)
     if columns is None:
-        return record, parts, said, seen
+        return [own]
     record = columns.of_record(record)
-    return record, *parts_of(model, record, settings), (*seen, columns.finding)
+    other = Ready(record, *parts_of(model, record, settings), (*seen, columns.finding))
+    return [other] if columns.sure else [own, other]
 
 
 def _part_by(model: SymbolicModel, tell: Callable[[str], None]) -> Answer:
     """Diagnoses a part of the record; only where it comes down to its noise."""
 
     def answer(part: Record, settings: DiagnosisSettings) -> Diagnosis | None:
-        sought = _sought(model, part, settings, Watch(tell=tell))
-        search, _, best = sought.ends
-        return _concluded(model, settings, sought) if chi2_dof(search.problem, best.fit) <= FIT_QUALITY else None
+        sought = _sought(model, ready(model, part, settings)[0], settings, Watch(tell=tell))
+        return _concluded(model, sought) if sought.reached else None
 
     return answer

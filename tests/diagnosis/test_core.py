@@ -113,7 +113,7 @@ def test_mass_and_gain_of_a_block_cannot_be_told_apart_and_it_says_so():
 
 def test_an_equal_that_ends_in_a_better_optimum_is_an_equal():
     """Where a fit has several optima one of two equal sets may end in a worse one: the same model all the same."""
-    _, parts, *_ = ready(block(), _record(2, mass=2.5), DiagnosisSettings(max_effects=1))
+    parts = ready(block(), _record(2, mass=2.5), DiagnosisSettings(max_effects=1))[0].parts
     search, base = begun(parts.known, {}, Watch())
     found = select(search, base, 1)
     for above in (0.0, 400.0):

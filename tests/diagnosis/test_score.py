@@ -96,7 +96,7 @@ def test_two_searches_are_told_apart_on_the_same_blocks(more, apart, above):
     one, other = (
         Carried(None, None, (), True, declared, common + x) for x in (0.0, more + apart * rng.standard_normal(40))
     )
-    put, robust = (Chosen(*[None] * 6, carried=c, at_floor=False, agree=True, barred={}) for c in (one, other))
+    put, robust = (Chosen(*[None] * 6, c, list, 0.2, at_floor=False, agree=True, barred={}) for c in (one, other))
     assert robust.predicts_better_than(put) is above
     assert not put.predicts_better_than(robust)
 

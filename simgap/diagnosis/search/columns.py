@@ -2,8 +2,9 @@
 
 Such a fault is discrete and large: no effect leads there step by step, and a search under it leads nowhere. Each
 possibility is tried on a few windows before the search, with the model as declared and with friction, biases and gains
-beside it, and one is taken up where it misses by a small part of what the columns as they are miss. An input's sign is
-left to its gain, which may be negative.
+beside it, and one is taken up where it misses by a small part of what the columns as they are miss. One that is better
+by less is a hypothesis of the record: what is found under it has to predict better. An input's sign is left to its
+gain, which may be negative.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from simgap.diagnosis.simulation.refit import window_chi2
 from simgap.diagnosis.simulation.sensitivity import choose_steps
 from simgap.diagnosis.simulation.step_length import settled
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import MOST, OUT_OF_SIGHT, PLAUSIBLE_RATIO
+from simgap.diagnosis.thresholds import FAR, MOST, OUT_OF_SIGHT, PLAUSIBLE_RATIO
 from simgap.notation import joined
 
 _OWN_GAIN = np.sqrt(2.0 * np.pi)  # half the way, as a ratio, to the nearest other unit: turns for radians
@@ -43,6 +44,7 @@ class Columns:
         y, u: (k,), (m,) factors from logged to true, after the order below.
         y_order, u_order: which logged column each channel is in.
         words: which column is in which unit; "" where it is no unit.
+        sure: whether it is better by far, before anything is sought.
     """
 
     finding: RecordingFault
@@ -51,6 +53,7 @@ class Columns:
     y_order: tuple[int, ...]
     u_order: tuple[int, ...]
     words: str = ""
+    sure: bool = True
 
     def applied(self, problem: Problem) -> Problem:
         """The problem with the columns as they may really be."""
@@ -84,7 +87,8 @@ class Columns:
 
 
 def better_columns(problem: Problem, within: Mapping[str, tuple[float, float]]) -> Columns | None:
-    """The possibility under which the declared model misses least, if it is better by far than the columns as they are.
+    """The possibility under which the declared model misses least, if it is better than the columns as they are by more
+    than a few times; sure, if by far.
 
     Nor may friction, biases and gains do as well with the columns as they are: a reversed reading keeps an unstable
     plant in its place, as a better gain does. A large missing effect hides a wrong unit from the declared model: where
@@ -101,21 +105,25 @@ def better_columns(problem: Problem, within: Mapping[str, tuple[float, float]]) 
     tried = [(option, _missed(option.applied(part), far)) for option in options]
     bar = _missed_beside_effects(part, np.inf, PLAUSIBLE_RATIO)  # as they are: with what the search may find
     best, near = _best(part, tried, bar), [option for option, left in tried if left <= far]
-    if best is not None or not near or bar < OUT_OF_SIGHT:
+    if (best is not None and best.sure) or not near or bar < OUT_OF_SIGHT:
         return best
     hopeless = _HOPELESS * bar / OUT_OF_SIGHT
-    return _best(part, [(option, _missed_beside_effects(option.applied(part), hopeless)) for option in near], bar)
+    beside = [(option, _missed_beside_effects(option.applied(part), hopeless)) for option in near]
+    return _best(part, beside, bar) or best
 
 
 def _best(part: Problem, tried: Sequence[tuple[Columns, float]], bar: float) -> Columns | None:
-    """The best of what was tried, with what does as well in its words; None unless it is better by far than the bar."""
-    best, least = None, bar / OUT_OF_SIGHT / MOST
-    for option, left in tried:
-        if left < MOST * min(least, _missed_without_plant(part, option)):
-            best, least = option, left  # a linear plant: input or reading, one and the same: the first
-    if best is None or np.any(best.u < 0.0):
-        return None
-    return best.beside([option for option, left in tried if option is not best and left < least / MOST])
+    """The best of what was tried, with what does as well in its words: the surest that there is, if any is `FAR` times
+    below the bar."""
+    for far in (OUT_OF_SIGHT, FAR):
+        best, least = None, bar / far / MOST
+        for option, left in tried:
+            if left < MOST * min(least, _missed_without_plant(part, option)):
+                best, least = option, left  # a linear plant: input or reading, one and the same: the first
+        if best is not None and np.all(best.u >= 0.0):
+            best = best.beside([option for option, left in tried if option is not best and left < least / MOST])
+            return replace(best, sure=far == OUT_OF_SIGHT)
+    return None
 
 
 def _missed_without_plant(part: Problem, option: Columns) -> float:

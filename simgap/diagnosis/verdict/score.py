@@ -105,12 +105,13 @@ class Gain:
 
 
 def gained(before: Floats, after: Floats) -> Gain:
-    """What the second predicts better, by the densities (b,) of both in each block; of one block nothing is sure.
+    """What the second predicts better, by the densities (b,) of both in each block; of one block nothing is sure, nor
+    where their blocks are not the same.
 
     A prediction that begins in a block may reach into the next: neighbours vary together, and that counts (Hansen,
     Hodrick (1980), J. Polit. Econ. 88(5), for forecasts that overlap).
     """
-    if len(before) < 2 or not np.all(np.isfinite(before) & np.isfinite(after)):
+    if len(before) < 2 or len(after) != len(before) or not np.all(np.isfinite(before) & np.isfinite(after)):
         return Gain(0.0, math.inf)
     each, n = after - before, len(before)
     off = each - float(np.mean(each))

@@ -226,7 +226,7 @@ def transferable(
     ]  # fmt: skip
     if not pool:
         return None
-    densities = [_density(e, parts, h, wider.steps) for e in (wider.empty(base), *pool)]
+    densities = [density(e, parts, h, wider.steps) for e in (wider.empty(base), *pool)]
     worth = independent_share(search.problem, best.fit)
     steady = [k for k, e in enumerate(pool, 1) if folds_agree(search.problem, e, search.steps, worth)]
     sets = [wider.empty(base), *pool]
@@ -282,8 +282,8 @@ def preferred_of(
     return sorted(level, key=lambda k: (k in beyond, counts[k], -means[k]))
 
 
-def _density(e: Explanation, parts: Sequence[Trial], h: float, steps: dict[int, float]) -> Floats:
-    """Log density of the errors ahead on each part of a set fitted to the others, block by block."""
+def density(e: Explanation, parts: Sequence[Trial], h: float, steps: dict[int, float]) -> Floats:
+    """Log density (b,) of the errors ahead on each part of a set fitted to the others, block by block."""
     errors = []
     for known, judged in parts:
         at = fit(known, e.fit.theta, e.fit.begin(known), e.fit.slots, steps) if e.members else e.fit
