@@ -24,7 +24,7 @@ from simgap.diagnosis.result import (
     Verdict,
 )
 from simgap.diagnosis.search.confidence import chi2_dof, independent_share
-from simgap.diagnosis.search.equivalence import EXACTLY_COLLINEAR, Rival, as_good, collinear_pairs, once, rivals
+from simgap.diagnosis.search.equivalence import EXACTLY_COLLINEAR, Rival, collinear_pairs, once, rivals
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.simulation.noise_law import LIMIT
@@ -47,7 +47,7 @@ from simgap.diagnosis.verdict.answer import (
 from simgap.diagnosis.verdict.faults import extrapolated, faint_memory, noise_faults, push_faults
 from simgap.diagnosis.verdict.held_out import HeldOut, concentrated, excess_share, judge, judged
 from simgap.diagnosis.verdict.score import Errors, Gain, gained
-from simgap.diagnosis.verdict.sets import folds_agree, plausible, slight
+from simgap.diagnosis.verdict.sets import as_good, folds_agree, plausible, slight
 from simgap.model.symbolic import SymbolicModel
 
 

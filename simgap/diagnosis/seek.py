@@ -18,7 +18,16 @@ from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.noise_colour import noise_colour
 from simgap.diagnosis.search.scoring import list_starts
-from simgap.diagnosis.search.selection import best_so_far, carried_over, fitted_here, grow, leap, preferred, select
+from simgap.diagnosis.search.selection import (
+    best_so_far,
+    carried_over,
+    explained_by_one_more,
+    fitted_here,
+    grow,
+    leap,
+    preferred,
+    select,
+)
 from simgap.diagnosis.search.watch import Stopped, Watch
 from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.initial import initial_states
@@ -27,7 +36,7 @@ from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.step_length import resolved_everywhere
 from simgap.diagnosis.thresholds import FAR, FIT_QUALITY, LEAPS_ANYHOW, MATTERS, MOST
-from simgap.diagnosis.verdict.faults import faint_memory, gross_spans
+from simgap.diagnosis.verdict.faults import gross_spans
 
 Searched = tuple[Search, Fit, Explanation]
 """The search, the model as declared on it, and what explains it best."""
@@ -117,10 +126,7 @@ def acts_later(search: Search, found: Explanation) -> bool:
 
 def explained_by_one(search: Search, base: Fit) -> bool:
     """Whether the model as declared or with one effect more is down to the noise."""
-    empty = search.empty(base)
-    if search.reached(empty):
-        return True
-    return bool(looked_again(search.watch, lambda: any(search.reached(e) for e in search.joined(empty)) or None))
+    return bool(looked_again(search.watch, lambda: explained_by_one_more(search, search.empty(base))))
 
 
 def under_its_law(
@@ -134,6 +140,7 @@ def under_its_law(
     error. The search that it begins with is as it was.
     """
     search, start, found, problem = plain, base, plain.empty(base), plain.problem
+    starts = plain.starts.where(lambda c: c.effect.contains is None)  # what refines an effect leaves no smaller misses
     spans: tuple[Span, ...] = ()
     last = least = np.full(len(problem.sigma), np.inf)
     smaller = True
@@ -149,7 +156,7 @@ def under_its_law(
         last, problem = usual, coarse(parts.with_gross_errors(usual, spans).known)
         start = fit(problem, base.theta, base.begin(problem), [], {})
         scale = float(np.mean(problem.spread**2)) * independent_share(problem, start)
-        search = Search(problem, plain.starts, scale, watch=search.watch)
+        search = Search(problem, starts, scale, watch=search.watch)
         if not smaller:  # a set that was grown step by step may hold the misses up; three far from the noise cost much
             looked_again(search.watch, partial(leap, search, start, min(most, _PAIRS)))
         found = _grown_from(search, start, found, min(most, LEAPS_ANYHOW))
@@ -170,7 +177,7 @@ def _is_explained(plain: Search, found: Explanation) -> bool:
     """Whether what was found, it with one effect more or with a finer one, explains what looked like gross errors."""
     apart = Search(plain.problem, plain.starts, plain.scale, ends=plain.ends, watch=plain.watch)
     known = apart.explain(found.members, found.fit.theta, found.fit)
-    return apart.reached(known) or any(apart.reached(e) for e in [*apart.joined(known), *apart.refined(known)])
+    return explained_by_one_more(apart, known) or any(apart.reached(e) for e in apart.refined(known))
 
 
 def _grown_from(search: Search, base: Fit, found: Explanation, most: int) -> Explanation:
@@ -178,7 +185,7 @@ def _grown_from(search: Search, base: Fit, found: Explanation, most: int) -> Exp
 
     def look() -> Explanation:
         known = search.explain(found.members, found.fit.theta, found.fit) if found.members else search.empty(base)
-        return preferred(search, grow(search, known, most, finer=False), most)
+        return preferred(search, grow(search, known, most), most)
 
     return looked_again(search.watch, look) or best_so_far(search, base, most)
 
@@ -222,7 +229,7 @@ def under_its_noise(
         return None
     limit = min(most, LEAPS_ANYHOW)
     full = len(found.members) >= limit  # all that it takes anyhow bends to anything, and a little memory to the rest
-    if full and (len(again[2].members) >= limit or faint_memory(louder.known)):
+    if full and (len(again[2].members) >= limit or colour.faint.any()):
         return None
     return louder, again
 

@@ -20,8 +20,7 @@ from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.noise_colour import memory_left
-from simgap.diagnosis.search.scoring import Starts
-from simgap.diagnosis.search.selection import grow, preferred
+from simgap.diagnosis.search.selection import explained_by_one_more, grow, preferred, taken_over
 from simgap.diagnosis.seek import Searched, begun, ended, looked_again
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
@@ -90,8 +89,8 @@ class Tiers:
         _, search, base = wide
 
         def look() -> bool:
-            known = _again(search, base, found)
-            return any(search.reached(e) for e in search.near(known).joined(known, exclude=_first(search)))
+            known = taken_over(search, base, found)
+            return explained_by_one_more(search.near(known), known, _first(search))
 
         return bool(looked_again(search.watch, look))
 
@@ -111,7 +110,7 @@ class Tiers:
         def look() -> tuple[Parts, Searched] | None:
             trial = (wide or self._begun(first)) if off else self._begun(first, few=(*sorted(_names(found)), *likes))
             _, search, base = trial
-            known = _again(search, base, found)
+            known = taken_over(search, base, found)
             options = _in_the_place(search, known)
             if off:
                 options += search.joined(search.empty(base), exclude=_first(search))
@@ -127,7 +126,7 @@ class Tiers:
             if not any(c.effect.second for c in best.members) or not _takes(search, best, before, known.bic):
                 return None
             parts, search, base = trial if off else self._begun(first)
-            return parts, ended(search, base, best if off else _again(search, base, best), most)
+            return parts, ended(search, base, best if off else taken_over(search, base, best), most)
 
         return looked_again(first.watch, look)
 
@@ -152,7 +151,7 @@ class Tiers:
 
         def look() -> tuple[Parts, Searched] | None:
             _, search, base = self._begun(first, True, (*sorted(names), *(e.name for e in lasts)))
-            known = _again(search, base, found)
+            known = taken_over(search, base, found)
             near = None if asked else min(NEAR * FIT_QUALITY, max(FIT_QUALITY, 1.0 + MOST * (before - 1.0)))
             options = _from_far(search, base, known, near, self.settings.max_effects)
             best = min((e for e in options if e.physical), key=lambda e: e.bic, default=known)
@@ -161,8 +160,8 @@ class Tiers:
             if not asked and (not search.reached(best) or memory_left(search.problem, best.fit)):
                 return None
             parts, search, base = self._begun(first, True)
-            search.starts = Starts(tuple((c, s) for c, s in search.starts.items if not c.effect.last))  # one is enough
-            best, most = _again(search, base, best), self.settings.max_effects
+            search.starts = search.starts.where(lambda c: not c.effect.last)  # one is enough
+            best, most = taken_over(search, base, best), self.settings.max_effects
             grow(search, best, most)
             best = preferred(search, best, most)
             return (parts, ended(search, base, best, most)) if any(c.effect.last for c in best.members) else None
@@ -184,20 +183,6 @@ def _takes(search: Search, new: Explanation, before: float, bic: float) -> bool:
     if before > FIT_QUALITY:
         return chi2_dof(search.problem, new.fit) - 1.0 <= MOST * (before - 1.0)
     return new.bic < bic - BIC_GAIN
-
-
-def _again(search: Search, base: Fit, found: Explanation) -> Explanation:
-    """What was found before, as far as it is tried here, fitted in this search."""
-    own = {c.key: c for c in search.problem.model.candidates}
-    pairs = [(c, own[c.key]) for c in found.members if c.key in own]
-    if not pairs:
-        return search.empty(base)
-    values = {
-        new: float(found.fit.theta[old])
-        for c, m in pairs for old, new in zip(c.slots, m.slots, strict=True)
-    }  # fmt: skip
-    theta = with_values(search.problem.model.null, values)
-    return search.explain(tuple(m for _, m in pairs), theta, fit(search.problem, theta, base.x0, [], {}))
 
 
 def _in_the_place(search: Search, found: Explanation) -> list[Explanation]:

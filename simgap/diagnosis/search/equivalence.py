@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from simgap.diagnosis.search.fit import EQUIVALENT_CHI2
 from simgap.diagnosis.search.scoring import begun_at
 from simgap.diagnosis.simulation.sensitivity import scaled, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, COLLINEAR, MOST, WIDTH
+from simgap.diagnosis.thresholds import BIC_GAIN, COLLINEAR, MOST, WIDTH
 from simgap.effects.base import Start
 
 EXACTLY_COLLINEAR = 1.0 - 1e-6
@@ -25,10 +25,15 @@ EXACTLY_COLLINEAR = 1.0 - 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Rival:
-    """A set of effects that explains the data as well; `exact` if it predicts the same whatever the motion."""
+    """A set of effects that explains the data as well.
+
+    Attributes:
+        exact: whether it predicts the same whatever the motion; level: whether the data do not decide surely.
+    """
 
     explanation: Explanation
     exact: bool
+    level: bool = False
 
 
 def rivals(search: Search, chosen: Explanation) -> list[Rival]:
@@ -77,18 +82,13 @@ def _stand_ins(search: Search, member: Candidate) -> list[Candidate]:
     ]  # fmt: skip
 
 
-def as_good(search: Search, chosen: Explanation) -> list[Rival]:
-    """Sets of no more parameters that were fitted and are within `AS_GOOD` of the chosen one, best first.
-
-    Larger ones fit better off the noise floor, whatever is missing, and did not carry over.
-    """
-    small = [e for e in search.sound() if e.keys != chosen.keys and e.count <= chosen.count]
-    return [Rival(e, False) for e in small if e.bic <= chosen.bic + AS_GOOD]
-
-
 def once(listed: Iterable[Rival]) -> list[Rival]:
-    """The first of each set of effects."""
-    return list({r.explanation.keys: r for r in reversed(list(listed))}.values())[::-1]
+    """Each set of effects once: exact, and level, if it is so anywhere on the list."""
+    own: dict[frozenset[Key], Rival] = {}
+    for r in listed:
+        known = own.setdefault(r.explanation.keys, r)
+        own[r.explanation.keys] = replace(known, exact=known.exact or r.exact, level=known.level or r.level)
+    return list(own.values())
 
 
 def _listed(search: Search, chosen: Explanation, spanned: set[Key]) -> list[Rival]:

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.diagnosis.result import Key
 from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.explanations import SAME, SAME_PROMISE, Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
@@ -118,12 +119,11 @@ def _best(search: Search, most: int) -> Explanation | None:
     return choose(e for e in search.sound() if len(e.members) <= most)
 
 
-def grow(search: Search, current: Explanation, most: int, finer: bool = True) -> Explanation:
-    """Add, drop and swap effects from here on while that pays; what contains one of them is tried in its place, if
-    `finer`."""
+def grow(search: Search, current: Explanation, most: int) -> Explanation:
+    """Add, drop and swap effects from here on while that pays; what contains one of them is tried in its place."""
     while current.members or most:
         more = search.joined(current) if len(current.members) < most else []
-        option = choose([*more, *(search.refined(current) if finer else [])])
+        option = choose([*more, *search.refined(current)])
         if option is None or current.bic - option.bic < BIC_GAIN:
             break
         current = _prune(search, _swap(search, _prune(search, option)))
@@ -174,12 +174,26 @@ def carried_over(search: Search, base: Fit, found: Explanation, reduced: float, 
 
 def fitted_here(search: Search, base: Fit, found: Explanation) -> Explanation:
     """What another search found, fitted to the data of this one; effects that are worth nothing here are dropped."""
-    if not found.members:
+    return _prune(search, taken_over(search, base, found))
+
+
+def taken_over(search: Search, base: Fit, found: Explanation) -> Explanation:
+    """What another search found, as far as it is tried in this one, fitted here from its own numbers."""
+    own = {c.key: c for c in search.problem.model.candidates}
+    pairs = [(c, own[c.key]) for c in found.members if c.key in own]
+    if not pairs:
         return search.empty(base)
-    kept = {k: float(found.fit.theta[k]) for c in found.members for k in c.slots}
-    theta = with_values(search.problem.model.null, kept)
-    start = fit(search.problem, theta, base.x0, [], {})
-    return _prune(search, search.explain(found.members, theta, start))
+    values = {
+        new: float(found.fit.theta[old])
+        for c, m in pairs for old, new in zip(c.slots, m.slots, strict=True)
+    }  # fmt: skip
+    theta = with_values(search.problem.model.null, values)
+    return search.explain(tuple(m for _, m in pairs), theta, fit(search.problem, theta, base.x0, [], {}))
+
+
+def explained_by_one_more(search: Search, known: Explanation, exclude: Collection[Key] = ()) -> bool:
+    """Whether a set is down to the noise, by itself or with one effect more that is not excluded."""
+    return search.reached(known) or any(search.reached(e) for e in search.joined(known, exclude))
 
 
 @dataclass(frozen=True, eq=False)

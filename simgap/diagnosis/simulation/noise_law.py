@@ -21,7 +21,7 @@ from functools import cached_property
 import numpy as np
 
 from simgap.arrays import Bools, Floats, Ints
-from simgap.diagnosis.thresholds import SELDOM, TAILS
+from simgap.diagnosis.thresholds import MOST, SELDOM, TAILS
 from simgap.late import njit
 
 LIMIT = float(np.sqrt(-2.0 * np.log(SELDOM)))
@@ -69,6 +69,11 @@ class Colour:
     tau: Floats
     interval: float
     block: int = 1
+
+    @property
+    def faint(self) -> Bools:
+        """Whether a part of the noise alone remembers, (k,)."""
+        return np.asarray((self.shared > 0.0) & (self.shared < MOST))
 
     def of_blocks(self, size: int, mean: bool) -> tuple[Colour, Floats]:
         """The law for every `size`-th reading, as block mean or as it is, and its standard deviation (k,)."""

@@ -30,7 +30,7 @@ from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, FIT_QUALITY, MATTERS, NARROW
+from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY, MATTERS, NARROW
 from simgap.diagnosis.verdict.held_out import HeldOut, ahead_alone, excess_share
 from simgap.diagnosis.verdict.sets import errors_of
 from simgap.effects import EFFECTS, AppliedEffect
@@ -299,7 +299,7 @@ def contested(others: Sequence[Rival], found: Explanation) -> tuple[str, ...]:
         )
     close = [
         r.explanation for r in others
-        if not r.exact and r.explanation.bic <= found.bic + AS_GOOD
+        if r.level and not r.exact
         and not any(c.of_recording for c in r.explanation.members if c.key not in found.keys)
     ]  # fmt: skip
     if not close:

@@ -26,7 +26,7 @@ from simgap.diagnosis.simulation.noise_law import are_gross
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import state_columns, state_steps
-from simgap.diagnosis.thresholds import BRIEF_S, FAR, MOST, SEVERAL
+from simgap.diagnosis.thresholds import BRIEF_S, FAR, SEVERAL
 from simgap.notation import from_to, joined
 
 _SPAN = 0.25 * BRIEF_S  # s over which a rate is taken
@@ -72,16 +72,15 @@ def filtered_channels(search: Search, found: Explanation) -> tuple[RecordingFaul
     )
 
 
-def faint_memory(problem: Problem, at: Fit | None = None) -> tuple[str, ...]:
+def faint_memory(problem: Problem, at: Fit) -> tuple[str, ...]:
     """Channels of which a part of the noise alone remembers: by its law, and where it has none, by what a fit misses.
 
     A law is sought only where more than the noise is left: a misfit that adds less than that remembers as well.
     """
     names = problem.model.measured
     if problem.colour is not None:
-        return tuple(name for name, share in zip(names, problem.colour.shared, strict=True) if 0.0 < share < MOST)
-    left = () if at is None else memory_left(problem, at)
-    return tuple(names[k] for k in left if np.mean(problem.weight[:, k]) > OWN)
+        return tuple(names[k] for k in np.flatnonzero(problem.colour.faint))
+    return tuple(names[k] for k in memory_left(problem, at) if np.mean(problem.weight[:, k]) > OWN)
 
 
 def noise_faults(problem: Problem) -> list[RecordingFault]:

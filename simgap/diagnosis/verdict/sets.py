@@ -27,13 +27,15 @@ from simgap.diagnosis.search.confidence import (
     undetermined,
     vanishing,
 )
+from simgap.diagnosis.search.equivalence import Rival
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.selection import fit_larger
 from simgap.diagnosis.simulation.coarse import JUDGED_ROWS, coarse
 from simgap.diagnosis.simulation.problem import Problem
+from simgap.diagnosis.simulation.refit import window_chi2
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import BIC_GAIN, MATTERS, MOST, PLAUSIBLE_RATIO, SURE, WIDTH
+from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, MATTERS, MOST, PLAUSIBLE_RATIO, SURE, WIDTH
 from simgap.diagnosis.verdict.held_out import errors_ahead
 from simgap.diagnosis.verdict.score import Errors, gained
 
@@ -96,6 +98,31 @@ def slight(search: Search, found: Explanation, base: Fit) -> frozenset[Key]:
     least = MATTERS**2 * (base.chi2 - found.fit.chi2)
     faults = [c for c in found.members if c.of_recording]
     return frozenset(c.key for c in faults if search.without(found, c).fit.chi2 - found.fit.chi2 < least)
+
+
+def as_good(search: Search, chosen: Explanation) -> list[Rival]:
+    """Sets of no more parameters that the data do not surely tell from the chosen one, best first.
+
+    They are within `AS_GOOD` of it, or down to the noise as it is and by the windows not surely worse: a push that
+    nobody saw or a gross error makes a set the better one in a single window. Larger ones fit better off the noise
+    floor, whatever is missing, and did not carry over.
+    """
+    small = [e for e in search.sound() if e.keys != chosen.keys and e.count <= chosen.count]
+    at_noise = search.reached(chosen)
+
+    def level(e: Explanation) -> bool:
+        fair = at_noise and search.reached(e) and not e.keys < chosen.keys
+        return e.bic <= chosen.bic + AS_GOOD or (fair and not gained(_by_window(search, e), own).sure)
+
+    own = _by_window(search, chosen)
+    return [Rival(e, False, True) for e in small if level(e)]
+
+
+def _by_window(search: Search, e: Explanation) -> Floats:
+    """Log density (w,) of each window's readings under a set, up to a constant, what its parameters cost spread over
+    them."""
+    chi2 = window_chi2(search.problem, e.fit.theta, e.fit.x0)
+    return np.asarray(-0.5 * (chi2 + (e.bic - e.fit.chi2 / search.scale) / len(chi2)))
 
 
 def folds_agree(problem: Problem, found: Explanation, steps: dict[int, float], samples: float) -> bool:
