@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from simgap import units
 from simgap.diagnosis.diagnose import diagnose_mended
@@ -60,6 +61,11 @@ def test_plain_units_of_angles_need_no_table_of_units(monkeypatch):
     assert units.full_turn("rad") == 2.0 * np.pi
     assert units.full_turn("m") is None
     assert units.full_turn("1") is None
+
+
+def test_turns_have_the_names_of_data_sheets():
+    for unit, of in (("rev", "rad"), ("rev/s", "rad/s")):
+        assert units.conversion(unit, of).factor == pytest.approx(2.0 * np.pi)
 
 
 def _driven(scale: float) -> Record:

@@ -12,6 +12,7 @@ from simgap.diagnosis.search.equivalence import Rival
 from simgap.diagnosis.search.scoring import Screen
 from simgap.diagnosis.search.selection import best_subsets
 from simgap.diagnosis.simulation.supermodel import Candidate
+from simgap.diagnosis.verdict import sets
 from simgap.diagnosis.verdict.answer import contested
 
 
@@ -78,3 +79,25 @@ def test_a_set_that_fits_as_well_or_clearly_better_than_the_answer_is_called_so(
     assert "a spring at the hinge fits as well (BIC -5.0)" in said
     (said,) = contested([near, Rival(fitted("friction", 83.0), False, True)], answer)
     assert "friction at the hinge fits better (BIC lower by 17)" in said
+
+
+@pytest.mark.parametrize(
+    ("worse", "level"),
+    [
+        ([4.0] * 12, False),  # by a little in every window
+        ([40.0, *[0.0] * 11], True),  # by as much in one alone
+        ([0.1] * 12, True),  # within 2 BIC
+    ],
+)
+def test_a_set_that_is_worse_in_one_window_alone_is_not_told_from_the_answer(monkeypatch, worse, level):
+    def fitted(name, chi2):
+        fit = SimpleNamespace(theta=np.asarray(chi2), x0=None, chi2=float(np.sum(chi2)))
+        return SimpleNamespace(keys=frozenset({(name, "hinge")}), count=1, fit=fit, bic=fit.chi2 + 5.0)
+
+    usual = 100.0 + np.random.default_rng(7963).normal(0.0, 10.0, 12)
+    answer, other = fitted("drag", usual), fitted("a spring", usual + worse)
+    search = SimpleNamespace(problem=None, scale=1.0, sound=lambda: [answer, other], reached=lambda e: True)
+    monkeypatch.setattr(sets, "window_chi2", lambda problem, theta, x0: theta)
+    assert [r.explanation for r in sets.as_good(search, answer)] == [other] * level
+    monkeypatch.setattr(search, "reached", lambda e: e is answer)  # what is off the noise is told by its size
+    assert [r.explanation for r in sets.as_good(search, answer)] == [other] * (sum(worse) < 2.0)

@@ -30,7 +30,7 @@ from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY, MATTERS, NARROW
+from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, FIT_QUALITY, MATTERS, NARROW
 from simgap.diagnosis.verdict.held_out import HeldOut, ahead_alone, excess_share
 from simgap.diagnosis.verdict.sets import errors_of
 from simgap.effects import EFFECTS, AppliedEffect
@@ -289,12 +289,13 @@ def contested(others: Sequence[Rival], found: Explanation) -> tuple[str, ...]:
     """
 
     def named(e: Explanation) -> str:
-        return f"Among the alternatives {joined([c.effect.phrase(c.on) for c in e.members])}"
+        words = joined([c.effect.phrase(c.on) for c in e.members])
+        return f"Among the alternatives {words} fit{'s' * (len(e.members) == 1)}"
 
     best = min((r.explanation for r in others), key=lambda e: e.bic, default=found)
     if found.bic - best.bic >= BIC_GAIN:
         return (
-            f"{named(best)} fits better (BIC lower by {found.bic - best.bic:.0f}), but not on the data "
+            f"{named(best)} better (BIC lower by {found.bic - best.bic:.0f}), but not on the data "
             "that choose, or it was found after the choice.",
         )
     close = [
@@ -305,4 +306,6 @@ def contested(others: Sequence[Rival], found: Explanation) -> tuple[str, ...]:
     if not close:
         return ()
     best = min(close, key=lambda e: e.bic)
-    return (f"{named(best)} fits as well (BIC {best.bic - found.bic:+.1f}): these data do not decide.",)
+    more = best.bic - found.bic
+    where = "" if more <= AS_GOOD else " in most windows"
+    return (f"{named(best)} as well{where} (BIC {more:+.1f}): these data do not decide.",)
