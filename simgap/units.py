@@ -33,7 +33,7 @@ _FORCES = {"rad": "N*m", "1": "N*m", "": "N*m", "m": "N"}
 def _registry() -> Any:
     import pint  # half a second: only paid by those who convert
 
-    registry = pint.UnitRegistry(cache_folder=None)
+    registry: Any = pint.UnitRegistry(cache_folder=None)
     registry.define("@alias turn = rev")  # as data sheets of motors and encoders have it
     return registry
 
