@@ -76,9 +76,9 @@ def test_a_set_that_fits_as_well_or_clearly_better_than_the_answer_is_called_so(
     answer, near = fitted("drag", 100.0), Rival(fitted("a spring", 95.0), False, True)
     assert contested([Rival(fitted("a spring", 103.0), False)], answer) == ()
     (said,) = contested([near], answer)
-    assert "a spring at the hinge fits as well (BIC -5.0)" in said
+    assert "a spring at the hinge, fits as well (BIC -5.0)" in said
     (said,) = contested([near, Rival(fitted("friction", 83.0), False, True)], answer)
-    assert "friction at the hinge fits better (BIC lower by 17)" in said
+    assert "friction at the hinge, fits better (BIC lower by 17)" in said
 
 
 @pytest.mark.parametrize(

@@ -289,13 +289,12 @@ def contested(others: Sequence[Rival], found: Explanation) -> tuple[str, ...]:
     """
 
     def named(e: Explanation) -> str:
-        words = joined([c.effect.phrase(c.on) for c in e.members])
-        return f"Among the alternatives {words} fit{'s' * (len(e.members) == 1)}"
+        return f"An alternative, {joined([c.effect.phrase(c.on) for c in e.members])},"
 
     best = min((r.explanation for r in others), key=lambda e: e.bic, default=found)
     if found.bic - best.bic >= BIC_GAIN:
         return (
-            f"{named(best)} better (BIC lower by {found.bic - best.bic:.0f}), but not on the data "
+            f"{named(best)} fits better (BIC lower by {found.bic - best.bic:.0f}), but not on the data "
             "that choose, or it was found after the choice.",
         )
     close = [
@@ -307,5 +306,5 @@ def contested(others: Sequence[Rival], found: Explanation) -> tuple[str, ...]:
         return ()
     best = min(close, key=lambda e: e.bic)
     more = best.bic - found.bic
-    where = "" if more <= AS_GOOD else " in most windows"
-    return (f"{named(best)} as well{where} (BIC {more:+.1f}): these data do not decide.",)
+    how = "fits as well" if more <= AS_GOOD else "does not surely fit worse"
+    return (f"{named(best)} {how} (BIC {more:+.1f}): these data do not decide.",)

@@ -37,7 +37,7 @@ from simgap.diagnosis.simulation.refit import window_chi2
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, MATTERS, MOST, PLAUSIBLE_RATIO, SURE, WIDTH
 from simgap.diagnosis.verdict.held_out import errors_ahead
-from simgap.diagnosis.verdict.score import Errors, gained
+from simgap.diagnosis.verdict.score import Errors, gained, surely_above
 
 _PARTS = 10  # the choice is repeated without each of so many parts of the blocks
 _RANK = 1e-8  # of the largest eigenvalue, and of a unit vector: what is less is not there
@@ -112,17 +112,16 @@ def as_good(search: Search, chosen: Explanation) -> list[Rival]:
 
     def level(e: Explanation) -> bool:
         fair = at_noise and search.reached(e) and not e.keys < chosen.keys
-        return e.bic <= chosen.bic + AS_GOOD or (fair and not gained(_by_window(search, e), own).sure)
+        return e.bic <= chosen.bic + AS_GOOD or (fair and not surely_above(_by_window(search, e) - own))
 
     own = _by_window(search, chosen)
     return [Rival(e, False, True) for e in small if level(e)]
 
 
 def _by_window(search: Search, e: Explanation) -> Floats:
-    """Log density (w,) of each window's readings under a set, up to a constant, what its parameters cost spread over
-    them."""
+    """What each window contributes to BIC, (w,); what the parameters cost is spread over them."""
     chi2 = window_chi2(search.problem, e.fit.theta, e.fit.x0)
-    return np.asarray(-0.5 * (chi2 + (e.bic - e.fit.chi2 / search.scale) / len(chi2)))
+    return np.asarray(chi2 + (e.bic - float(np.sum(chi2))) / len(chi2))
 
 
 def folds_agree(problem: Problem, found: Explanation, steps: dict[int, float], samples: float) -> bool:
