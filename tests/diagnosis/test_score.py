@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.stats import t as student
 
+from simgap.diagnosis import choosing
 from simgap.diagnosis.choosing import Chosen
 from simgap.diagnosis.conclude import is_borne_out
 from simgap.diagnosis.verdict.score import Errors, gained
@@ -99,6 +101,19 @@ def test_two_searches_are_told_apart_on_the_same_blocks(more, apart, above):
     put, robust = (Chosen(*[None] * 6, c, list, 0.2, at_floor=False, agree=True, barred={}) for c in (one, other))
     assert robust.predicts_better_than(put) is above
     assert not put.predicts_better_than(robust)
+
+
+def test_a_search_that_reaches_the_noise_is_compared_with_one_that_found_nothing(monkeypatch):
+    """Sets compete off the noise alone: at it the answer itself is fitted to other blocks than it predicts."""
+    rng = np.random.default_rng(7993)
+    predicts = {"declared": rng.normal(0.0, 0.3, 30), "friction": rng.normal(2.0, 0.3, 30)}
+    monkeypatch.setattr(choosing, "density", lambda put, *other: predicts[put])
+    full = SimpleNamespace(empty=lambda base: "declared", steps={})
+    nothing, robust = (
+        Chosen(None, None, None, "friction", full, None, None, list, 0.2, floor, True, {}) for floor in (False, True)
+    )
+    assert robust.predicts_better_than(nothing)
+    assert not nothing.predicts_better_than(robust)
 
 
 @pytest.mark.parametrize(
