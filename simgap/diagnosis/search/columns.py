@@ -226,7 +226,12 @@ def _mistaken(unit: str) -> list[tuple[str, float]]:
     """Units that are mistaken for this one, with the factor to it."""
     return {
         "rad": [("degrees", np.pi / 180), ("turns", 2 * np.pi), *_THOUSANDS],
-        "rad/s": [("degrees a second", np.pi / 180), ("turns a minute", np.pi / 30), *_THOUSANDS],
+        "rad/s": [
+            ("degrees a second", np.pi / 180),
+            ("turns a minute", np.pi / 30),
+            ("turns a second", 2 * np.pi),
+            *_THOUSANDS,
+        ],
         "m": [("millimetres", 1e-3), ("metres that were read as millimetres", 1e3)],
         "m/s": [("millimetres a second", 1e-3), ("metres a second that were read as millimetres a second", 1e3)],
     }.get(unit, list(_THOUSANDS))
