@@ -142,7 +142,8 @@ class _Sought:
 
     @cached_property
     def choice(self) -> Chosen:
-        """The set that is put to *confirm*."""
+        """The set that is put to *confirm*; the search is over."""
+        self.ends[0].watch.over = True
         return chosen(self.parts, self.ends, self.settings, self.not_tried, self.judged or self.parts)
 
     def likeliest(self) -> _Sought:
@@ -160,12 +161,11 @@ class _Sought:
 
 def _concluded(model: SymbolicModel, sought: _Sought) -> Diagnosis:
     """The answer from what was found: the set that is judged on *confirm*, and what *confirm* says of it."""
-    watch, ready = sought.ends[0].watch, sought.ready
-    watch.over = True
-    if watch.stopped:  # what is spent is spent: the answer stands on the samples that it was found on
-        sought = replace(sought, parts=replace(sought.parts, known=sought.ends[0].problem))
-    faults = (*ready.faults, *sought.filtered)
-    return conclude(model, ready.record, sought.settings, sought.parts, sought.choice, ready.said, faults)
+    own, (search, _, _) = sought.ready, sought.ends
+    if search.watch.stopped:  # what is spent is spent: the answer stands on the samples that it was found on
+        sought = replace(sought, parts=replace(sought.parts, known=search.problem))
+    faults = (*own.faults, *sought.filtered)
+    return conclude(model, own.record, sought.settings, sought.parts, sought.choice, own.said, faults)
 
 
 def _sought(model: SymbolicModel, own: Ready, settings: DiagnosisSettings, watch: Watch) -> _Sought:
