@@ -115,15 +115,6 @@ def gained(before: Floats, after: Floats) -> Gain:
         return Gain(0.0, math.inf)
     each, n = after - before, len(before)
     off = each - float(np.mean(each))
-    return Gain(float(np.mean(each)), _half(max(float(off @ off + 2.0 * off[1:] @ off[:-1]), float(off @ off)), n))
-
-
-def surely_above(each: Floats) -> bool:
-    """Whether numbers (n,) that do not depend on each other are surely above zero in the mean (Student's t)."""
-    off = each - float(np.mean(each))
-    return len(each) > 1 and float(np.mean(each)) > _half(float(off @ off), len(each))
-
-
-def _half(squares: float, n: int) -> float:
-    """Half the 95 % interval of the mean of n numbers, from the sum of their squares about it."""
-    return float(student.ppf(0.5 + 0.5 * CONFIDENCE, n - 1)) * math.sqrt(squares / (n - 1) / n)
+    variance = max(float(off @ off + 2.0 * off[1:] @ off[:-1]), float(off @ off)) / (n - 1)
+    half = float(student.ppf(0.5 + 0.5 * CONFIDENCE, n - 1)) * math.sqrt(variance / n)
+    return Gain(float(np.mean(each)), half)

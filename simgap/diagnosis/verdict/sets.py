@@ -37,7 +37,7 @@ from simgap.diagnosis.simulation.refit import window_chi2
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, MATTERS, MOST, PLAUSIBLE_RATIO, SURE, WIDTH
 from simgap.diagnosis.verdict.held_out import errors_ahead
-from simgap.diagnosis.verdict.score import Errors, gained, surely_above
+from simgap.diagnosis.verdict.score import Errors, gained
 
 _PARTS = 10  # the choice is repeated without each of so many parts of the blocks
 _RANK = 1e-8  # of the largest eigenvalue, and of a unit vector: what is less is not there
@@ -101,27 +101,22 @@ def slight(search: Search, found: Explanation, base: Fit) -> frozenset[Key]:
 
 
 def as_good(search: Search, chosen: Explanation) -> list[Rival]:
-    """Sets of no more parameters that the data do not surely tell from the chosen one, best first.
+    """Sets of no more parameters that the data do not tell from the chosen one, best first.
 
-    They are within `AS_GOOD` of it, or down to the noise as it is and by the windows not surely worse: a push that
-    nobody saw or a gross error makes a set the better one in a single window. Larger ones fit better off the noise
+    They are within `AS_GOOD` of it, or down to the noise as it is and, one window aside, not worse by `BIC_GAIN`: a push
+    that nobody saw or a gross error makes a set the better one in a single window. Larger ones fit better off the noise
     floor, whatever is missing, and did not carry over.
     """
     small = [e for e in search.sound() if e.keys != chosen.keys and e.count <= chosen.count]
+    own, *others = (window_chi2(search.problem, e.fit.theta, e.fit.x0) for e in (chosen, *small))
     at_noise = search.reached(chosen)
 
-    def level(e: Explanation) -> bool:
+    def level(e: Explanation, chi2: Floats) -> bool:
         fair = at_noise and search.reached(e) and not e.keys < chosen.keys
-        return e.bic <= chosen.bic + AS_GOOD or (fair and not surely_above(_by_window(search, e) - own))
+        worse = e.bic - chosen.bic
+        return worse <= AS_GOOD or (fair and worse - float(np.max(chi2 - own)) < BIC_GAIN)
 
-    own = _by_window(search, chosen)
-    return [Rival(e, False, True) for e in small if level(e)]
-
-
-def _by_window(search: Search, e: Explanation) -> Floats:
-    """What each window contributes to BIC, (w,); what the parameters cost is spread over them."""
-    chi2 = window_chi2(search.problem, e.fit.theta, e.fit.x0)
-    return np.asarray(chi2 + (e.bic - float(np.sum(chi2))) / len(chi2))
+    return [Rival(e, False, True) for e, chi2 in zip(small, others, strict=True) if level(e, chi2)]
 
 
 def folds_agree(problem: Problem, found: Explanation, steps: dict[int, float], samples: float) -> bool:
