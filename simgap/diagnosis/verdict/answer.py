@@ -306,7 +306,5 @@ def contested(others: Sequence[Rival], found: Explanation) -> tuple[str, ...]:
         return ()
     best = min(close, key=lambda e: e.bic)
     more = best.bic - found.bic
-    how = (
-        "fits as well" if more <= AS_GOOD else f"fits nearly as well{' but for one window' if more > BIC_GAIN else ''}"
-    )
-    return (f"{named(best)} {how} (BIC {more:+.1f}): these data do not decide.",)
+    nearly, aside = "nearly " * (more > AS_GOOD), " but for one window" * (more > BIC_GAIN)
+    return (f"{named(best)} fits {nearly}as well{aside} (BIC {more:+.1f}): these data do not decide.",)

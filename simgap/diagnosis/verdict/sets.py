@@ -103,8 +103,8 @@ def slight(search: Search, found: Explanation, base: Fit) -> frozenset[Key]:
 def as_good(search: Search, chosen: Explanation) -> list[Rival]:
     """Sets of no more parameters that the data do not tell from the chosen one, best first.
 
-    They are within `AS_GOOD` of it, or down to the noise as it is and, one window aside, not worse by `BIC_GAIN`: a push
-    that nobody saw or a gross error makes a set the better one in a single window. Larger ones fit better off the noise
+    They are within `AS_GOOD` of it, or as near to the noise and, one window aside, not worse by `BIC_GAIN`: a push that
+    nobody saw or a gross error makes a set the better one in a single window. Larger ones fit better off the noise
     floor, whatever is missing, and did not carry over.
     """
     small = [e for e in search.sound() if e.keys != chosen.keys and e.count <= chosen.count]
