@@ -32,11 +32,11 @@ def last_within(
     """The last of what `search(tell)` yields within so many seconds of CPU time, or None.
 
     Then it is ended, whatever it is at: nothing has to be known of how long a game takes, or to compile one. A search
-    that fails after it found something has found that, unless it was a refusal; one that is `stoppable` and ended by
-    Ctrl-C too.
+    that fails after it found something has found that, unless it was a refusal. What one that is `stoppable` finds
+    before its end is an answer on the way: Ctrl-C leaves it, a failure does not.
 
     Raises:
-        Exception: what the search raises before it finds anything but refusals.
+        Exception: what the search raises before it finds anything but refusals; a stoppable one, whenever that is.
         UserError: somebody else ends it before that.
     """
     here, there = get_context("fork").Pipe(duplex=False)
@@ -48,7 +48,7 @@ def last_within(
     last: Found | None = None
     try:
         for kind, value in _received(here):
-            if kind == "raised" and (last is None or isinstance(last, UserError)):
+            if kind == "raised" and (stoppable or last is None or isinstance(last, UserError)):
                 raise value
             if kind == "raised":
                 return last

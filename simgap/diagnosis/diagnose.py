@@ -147,16 +147,16 @@ class _Sought:
         return chosen(self.parts, self.ends, self.settings, self.not_tried, self.judged or self.parts)
 
     def likeliest(self) -> _Sought:
-        """The first hypothesis that none surely predicts better than; of several a plausible one.
-
-        This one, where it is down to the noise and plausible.
-        """
+        """Of the hypotheses that none surely predicts better than, a plausible one of fewest parameters (any but this one
+        counts for one more); this one, where it is down to the noise and plausible."""
         if not self.others or self.settled or self.ends[0].watch.stopped:
             return self
         every = [self, *(replace(other, judged=self.parts) for other in self.others)]
-        best = max(every, key=lambda each: float(np.mean(each.choice.predicted)))
-        level = [e for e in every if e is best or not best.choice.predicts_better_than(e.choice)]
-        return min(level, key=lambda each: not plausible(each.choice.kept))
+        means = [float(np.mean(each.choice.predicted)) for each in every]
+        best = every[int(np.argmax(means))].choice
+        level = [k for k, e in enumerate(every) if e.choice is best or not best.predicts_better_than(e.choice)]
+        puts = [each.choice.kept for each in every]
+        return every[min(level, key=lambda k: (not plausible(puts[k]), puts[k].count + (k > 0), -means[k]))]
 
 
 def _concluded(model: SymbolicModel, sought: _Sought) -> Diagnosis:

@@ -25,6 +25,7 @@ from simgap.diagnosis.record.survey import Survey, survey
 from simgap.diagnosis.record.traces import Reading, same_file
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
 from simgap.diagnosis.search.watch import answered
+from simgap.diagnosis.thresholds import MOST
 from simgap.diagnosis.verdict.missing import Missing, missing_terms
 from simgap.effects import apply_effects, effect
 from simgap.errors import UserError
@@ -49,12 +50,13 @@ ROUNDED = 1e-6
 
 
 def outside(context: Context, record: Record) -> str | None:
-    """A sentence about readings and commands outside X and between no ends of U; None if there are none, or no bound.
+    """A sentence about readings and commands outside X and between no ends of U; None if there are none.
 
-    States that wrap around are never outside.
+    States that wrap around are never outside. Where most of the record is outside, its columns may be others; without
+    a bound of the gap that alone is told.
     """
     case = context.case
-    if case.domain is None or case.gap is None or not record.rows:
+    if case.domain is None or not record.rows:
         return None
     y, u = (np.concatenate([getattr(trace, n) for trace in record.traces]) for n in ("y", "u"))
     values = dict(zip((*record.measured, *record.inputs), (*y.T, *u.T), strict=True))
@@ -69,12 +71,14 @@ def outside(context: Context, record: Record) -> str | None:
         if out.any():
             far, unit = float(values[name][np.argmax(beyond)]), pretty_unit(context.units[name])
             outside_parts.append(f"{name} reaches {number(far, 3)} {unit}, {where} [{number(lo, 3)}, {number(hi, 3)}]")
-    if not outside_parts:
+    share = float(any_of.mean())
+    if not outside_parts or (case.gap is None and share <= MOST):
         return None
-    share = 100.0 * float(any_of.mean())
+    bound = "" if case.gap is None else ", where its bound of the gap says nothing"
+    check = " If that is not meant, compare units, signs and order of the columns." if share > MOST else ""
     return (
-        f"{number(share, 2)} % of the samples lie outside the case's X and U, where its bound of the gap says nothing: "
-        f"{'; '.join(outside_parts)}."
+        f"{number(100.0 * share, 2)} % of the samples lie outside the case's X and U{bound}: "
+        f"{'; '.join(outside_parts)}.{check}"
     )
 
 

@@ -30,7 +30,8 @@ def test_a_unit_is_not_saved_by_a_reversed_gain_far_from_one(monkeypatch):
     reversed_ = options["wrong_sign", "w", ""]
     assert columns._missed_beside_effects(unit.applied(part), np.inf) > 100.0
     assert columns._missed_beside_effects(reversed_.applied(part), np.inf) == pytest.approx(1.0, abs=0.2)
-    assert columns.better_columns(whole, {}) is None  # the sign is left to the gain that the search finds
+    found = columns.better_columns(whole, {})
+    assert found is None or not found.sure  # the sign is left to the gain that the search finds
 
 
 @pytest.mark.parametrize(

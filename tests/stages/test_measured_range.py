@@ -34,7 +34,15 @@ def test_commands_outside_are_told_and_ends_are_inside(context, vary):
     assert "u reaches 3 N m, U [-1.2, 1.2]" in said
     assert outside(context, record([0.2, 0], [-0.5, 0], [1.2, -1.2])) is None
     free = Context.load(vary("pendulum", {"gap": None, "synthesis": None, "validation": None}))
-    assert outside(free, record([9], [9], [9])) is None
+    assert outside(free, record([9, 0, 0], [0, 0, 0], [0, 0, 0])) is None
+
+
+def test_a_record_that_is_mostly_outside_may_have_other_columns(vary):
+    """Degrees for radians, and a case that has no bound."""
+    free = Context.load(vary("pendulum", {"gap": None, "synthesis": None, "validation": None}))
+    said = outside(free, record([9, 8, 0], [0, 0, 0], [0, 0, 0]))
+    assert said.startswith("67 % of the samples lie outside the case's X and U: x1 reaches 9 rad")
+    assert said.endswith("compare units, signs and order of the columns.")
 
 
 def test_single_precision_is_not_outside(context):

@@ -3,8 +3,8 @@
 Such a fault is discrete and large: no effect leads there step by step, and a search under it leads nowhere. Each
 possibility is tried on a few windows before the search, with the model as declared and with friction, biases and gains
 beside it, and one is taken up where it misses by a small part of what the columns as they are miss. One that is better
-by less is a hypothesis of the record: what is found under it has to predict better. An input's sign is left to its
-gain, which may be negative.
+by less is a hypothesis of the record: what is found under it has to predict better. So is an input's sign, as its gain
+may be negative.
 """
 
 from __future__ import annotations
@@ -55,6 +55,11 @@ class Columns:
     words: str = ""
     sure: bool = True
 
+    @property
+    def reverses(self) -> bool:
+        """Whether it turns an input round, as a gain may do as well."""
+        return bool(np.any(self.u < 0.0))
+
     def applied(self, problem: Problem) -> Problem:
         """The problem with the columns as they may really be."""
         read, put = list(self.y_order), list(self.u_order)
@@ -88,7 +93,7 @@ class Columns:
 
 def better_columns(problem: Problem, within: Mapping[str, tuple[float, float]]) -> Columns | None:
     """The possibility under which the declared model misses least, if it is better than the columns as they are by more
-    than a few times; sure, if by far.
+    than a few times; sure, if by far and no input is reversed.
 
     Nor may friction, biases and gains do as well with the columns as they are: a reversed reading keeps an unstable
     plant in its place, as a better gain does. A large missing effect hides a wrong unit from the declared model: where
@@ -97,33 +102,33 @@ def better_columns(problem: Problem, within: Mapping[str, tuple[float, float]]) 
     Readings `within` the range where the plant works, state -> (least, largest), are not led out of it.
     """
     part, _ = problem.some()
-    bar = _missed(part, np.inf)
-    if bar < OUT_OF_SIGHT:
+    alone = _missed(part, np.inf)
+    if alone < OUT_OF_SIGHT:
         return None
-    far = OUT_OF_SIGHT * bar
+    far = OUT_OF_SIGHT * alone
     options = [option for option in _options(problem) if not option.leads_out(problem, within)]
     tried = [(option, _missed(option.applied(part), far)) for option in options]
     bar = _missed_beside_effects(part, np.inf, PLAUSIBLE_RATIO)  # as they are: with what the search may find
-    best, near = _best(part, tried, bar), [option for option, left in tried if left <= far]
-    if (best is not None and best.sure) or not near or bar < OUT_OF_SIGHT:
-        return best
-    hopeless = _HOPELESS * bar / OUT_OF_SIGHT
-    beside = [(option, _missed_beside_effects(option.applied(part), hopeless)) for option in near]
-    return _best(part, beside, bar) or best
+    best, near = _best(part, tried, bar / OUT_OF_SIGHT), [option for option, left in tried if left <= far]
+    if (best is None or best.reverses) and bar >= OUT_OF_SIGHT:
+        hopeless = _HOPELESS * bar / OUT_OF_SIGHT
+        beside = [(option, _missed_beside_effects(option.applied(part), hopeless)) for option in near]
+        best = _best(part, beside, bar / OUT_OF_SIGHT) or _unsure(_best(part, beside, bar / FAR))
+    best = best or _unsure(_best(part, tried, alone / FAR))
+    return _unsure(best) if best is not None and best.reverses else best
+
+
+def _unsure(best: Columns | None) -> Columns | None:
+    return None if best is None else replace(best, sure=False)
 
 
 def _best(part: Problem, tried: Sequence[tuple[Columns, float]], bar: float) -> Columns | None:
-    """The best of what was tried, with what does as well in its words: the surest that there is, if any is `FAR` times
-    below the bar."""
-    for far in (OUT_OF_SIGHT, FAR):
-        best, least = None, bar / far / MOST
-        for option, left in tried:
-            if left < MOST * min(least, _missed_without_plant(part, option)):
-                best, least = option, left  # a linear plant: input or reading, one and the same: the first
-        if best is not None and np.all(best.u >= 0.0):
-            best = best.beside([option for option, left in tried if option is not best and left < least / MOST])
-            return replace(best, sure=far == OUT_OF_SIGHT)
-    return None
+    """The best of what was tried, with what does as well in its words; None where none misses by less than the bar."""
+    best, least = None, bar / MOST
+    for option, left in tried:
+        if left < MOST * min(least, _missed_without_plant(part, option)):
+            best, least = option, left  # a linear plant: input or reading, one and the same: the first
+    return best and best.beside([option for option, left in tried if option is not best and left < least / MOST])
 
 
 def _missed_without_plant(part: Problem, option: Columns) -> float:

@@ -98,10 +98,11 @@ class SaturatedReading(_LostReadings):
 
     Detected: three readings in a row equal an extreme of the channel, of an encoder more than its noise would leave
     there after a motion that did not slow down, or where the motion stops and starts too abruptly to turn round;
-    excluded from the error.
+    excluded from the error. What stands there most of the time is no sensor at its limit.
     """
 
     name = "saturated_reading"
+    most = MOST
     remedy = "If it did not rest there: choose a wider range for the sensor of {}, or a smaller motion."
     what = "stand at its extreme, at the limit of the sensor or at rest there"
 
