@@ -147,8 +147,10 @@ class _Sought:
         return chosen(self.parts, self.ends, self.settings, self.not_tried, self.judged or self.parts)
 
     def likeliest(self) -> _Sought:
-        """Of the hypotheses that none surely predicts better than, a plausible one of fewest parameters (any but this one
-        counts for one more); this one, where it is down to the noise and plausible."""
+        """Of the hypotheses that none surely predicts better than, a plausible one of fewest parameters.
+
+        Any but this one counts for one more. This one, where it is down to the noise and plausible.
+        """
         if not self.others or self.settled or self.ends[0].watch.stopped:
             return self
         every = [self, *(replace(other, judged=self.parts) for other in self.others)]
