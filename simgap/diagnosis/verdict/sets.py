@@ -238,6 +238,8 @@ def transferable(
     for size in range(1, most + 1):  # a wider look than the greedy path: the right set need not fit best
         for e in wider.sound(size)[:1]:
             wider.refined(e)
+            if size < most:  # what acts alike here need not act alike where a fit of it ends
+                wider.joined(e)
         if size < most:
             fit_larger(wider, wider.sound(size)[:WIDTH], size + 1)
     pool = [
