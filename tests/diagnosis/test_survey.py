@@ -87,6 +87,15 @@ def test_an_input_at_its_limit():
     assert look(t, q, v, np.sign(u)).channels[-1].at_limit == 0.0  # bang-bang has no limit to speak of
 
 
+def test_what_its_noise_hides_is_not_said_to_rest():
+    """A speed that is read in few counts a second, noise as large as a fifth of its way."""
+    t, q, v, u = motion()
+    noisy = np.random.default_rng(6).normal(0.0, 0.2 * np.ptp(q), t.size)
+    seen = look(t, q + noisy, v + 0.2 * np.ptp(v) * noisy / np.std(noisy), u)
+    assert not seen.still
+    assert not any("no reading changes" in w for w in seen.warnings)
+
+
 def test_a_stuck_tail_and_a_hanging_sensor():
     t, q, v, u = motion()
     rng = np.random.default_rng(5)

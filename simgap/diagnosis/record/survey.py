@@ -36,15 +36,21 @@ class Stretch:
 
 
 def still_stretches(record: Record, sigma: Floats) -> tuple[Stretch, ...]:
-    """Three blocks or more in which every channel stays within its noise, (k,), that of rounding included."""
+    """Three blocks or more in which every channel stays within its noise, (k,), that of rounding included.
+
+    A channel whose noise would hide most of its motion tells nothing.
+    """
     limit = 2.0 * FAR * sigma
-    found: list[Stretch] = []
-    for trace in record.traces:
+    span = np.ptp(np.concatenate([trace.y for trace in record.traces]), axis=0)
+    telling = np.flatnonzero(limit < MOST * span)
+    limit, found = limit[telling], list[Stretch]()
+    for trace in record.traces if telling.size else ():
+        y = trace.y[:, telling]
         blocks = np.searchsorted(trace.t, np.arange(trace.t[0], trace.t[-1], BRIEF_S))
         edges = np.unique(np.append(blocks, len(trace.t))).tolist()
-        still = np.array([bool(np.all(np.ptp(trace.y[a:b], axis=0) <= limit)) for a, b in pairwise(edges)])
+        still = np.array([bool(np.all(np.ptp(y[a:b], axis=0) <= limit)) for a, b in pairwise(edges)])
         for a, b in runs(still):
-            together = np.ptp(trace.y[edges[a] : edges[b]], axis=0) <= 2 * limit
+            together = np.ptp(y[edges[a] : edges[b]], axis=0) <= 2 * limit
             stretch = Stretch(trace.name, float(trace.t[edges[a]]), float(trace.t[edges[b] - 1]))
             if together.all() and stretch.seconds >= (SEVERAL - 1) * BRIEF_S:
                 found.append(stretch)

@@ -31,6 +31,7 @@ from simgap.diagnosis.thresholds import (
     SPIKE,
 )
 from simgap.model.symbolic import SymbolicModel
+from simgap.notation import number
 
 _ENOUGH = 50_000  # readings for a median
 _COUNTS = 16  # counts before an extreme by which a motion shows whether it slows down
@@ -58,7 +59,7 @@ class MissingRows(SeenFault):
         if filled.rows == record.rows:
             return record, ()
         share = 1.0 - record.rows / filled.rows
-        sentence = f"{100 * share:.2g} % of the rows within traces are missing; they are not compared."
+        sentence = f"{number(100 * share, 2)} % of the rows within traces are missing; they are not compared."
         return filled, (self.told("", share, sentence),)
 
 
@@ -79,7 +80,7 @@ class _LostReadings(SeenFault):
             found = [m & ~own[:, k] for m, own in zip(self.lost(record, k, float(quantum[k])), lost, strict=True)]
             share = sum(int(m.sum()) for m in found) / record.rows
             if self.fewest < share <= self.most:
-                sentence = f"{100 * share:.2g} % of the readings of {name} {self.what}; they are not compared."
+                sentence = f"{number(100 * share, 2)} % of the readings of {name} {self.what}; they are not compared."
                 faults.append(self.told(name, share, sentence))
                 for own, m in zip(lost, found, strict=True):
                     own[:, k] |= m
