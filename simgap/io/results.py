@@ -78,13 +78,10 @@ def table(
 ) -> pa.Table:
     """A table of float columns (n,) with units, plus typed columns that hold one value throughout."""
     rows = len(next(iter(columns.values())))
-    arrays, fields = [], []
-    for name, values in columns.items():
-        arrays.append(pa.array(values))
-        fields.append(pa.field(name, arrays[-1].type, metadata={"unit": units.get(name, "1")}))
-    for name, value in constants.items():
-        arrays.append(_constant(value, rows))
-        fields.append(pa.field(name, arrays[-1].type))
+    arrays = [*map(pa.array, columns.values()), *(_constant(value, rows) for value in constants.values())]
+    told = [*({"unit": units.get(name, "1")} for name in columns), *(None for _ in constants)]
+    each = zip((*columns, *constants), arrays, told, strict=True)
+    fields = [pa.field(name, array.type, metadata=own) for name, array, own in each]
     schema = pa.schema(fields, metadata={"provenance": json.dumps(provenance, sort_keys=True)})
     return pa.Table.from_arrays(arrays, schema=schema)
 

@@ -163,11 +163,6 @@ def log_scene(recording: Any, content: Content) -> None:
         _planar(recording, content, content.scene)
 
 
-def robot_name(urdf: Path) -> str:
-    """Name of the robot in its URDF."""
-    return reading.read_xml(urdf).get("name", "")
-
-
 def _joints(recording: Any, content: Content, scene: JointScene) -> None:
     """A copy for each controller: the simulator solid, the nominal model as a ghost, limits of the safe set in grey."""
     _, across, reach = stance(scene)
