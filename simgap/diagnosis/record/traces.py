@@ -433,11 +433,8 @@ def _unwrapped(
 ) -> tuple[Floats, tuple[int, ...]]:
     steps = np.diff(t)
     typical = float(np.median(steps[steps > 0.0]))
-    changed: list[int] = []
+    straight, changed = block.copy(), []
     for j, (turn, wrapped) in turns.items():
-        straight, jumped = unwrap(block[:, j], steps, typical, turn, wrapped)
-        if jumped:
-            block = block.copy() if not changed else block
-            block[:, j] = straight
-            changed.append(j)
-    return block, tuple(changed)
+        straight[:, j], jumped = unwrap(block[:, j], steps, typical, turn, wrapped)
+        changed += [j] * jumped
+    return straight, tuple(changed)
