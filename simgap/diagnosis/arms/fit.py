@@ -168,12 +168,10 @@ def doubted(
 
 def weights_of(part: Part, size: int) -> tuple[Floats, Floats]:
     """(n,) one over the spread that every column together leaves, and rows that count as one there."""
-    weights = 1.0 / np.maximum(spread(part, np.zeros(size)), 1e-12)
     theta = np.zeros(size)
     for _ in range(3):
-        theta = solve(*part.grams(weights), range(size))
-        weights = 1.0 / np.maximum(spread(part, theta), 1e-12)
-    return weights, correlation_rows(part, theta)
+        theta = solve(*part.grams(1.0 / np.maximum(spread(part, theta), 1e-12)), range(size))
+    return 1.0 / np.maximum(spread(part, theta), 1e-12), correlation_rows(part, theta)
 
 
 def settled(
