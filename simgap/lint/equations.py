@@ -145,8 +145,7 @@ def find_long_steps(context: Context) -> Iterator[Finding]:
     drawn = box.lo + (box.hi - box.lo) * np.random.default_rng(0).random((DRAWN, len(context.states)))
     x, u = (np.array(part) for part in zip(*itertools.product(drawn, inputs), strict=True))
     rows = sp.lambdify((*model.x, *model.u), model.rule, modules="numpy")
-    with np.errstate(all="ignore"):
-        values = np.stack([np.broadcast_to(row, len(x)) for row in rows(*x.T, *u.T)], axis=1)
+    values = _rates(rows, x, u).T
     moved = np.abs(values * model.tau if isinstance(model, RungeKutta) else values - x)
     widths = np.median(moved, axis=0) / (box.hi - box.lo)
     for j in np.argsort(-widths, kind="stable"):  # what is refused is the worst: others may only follow it
