@@ -16,7 +16,7 @@ import numpy as np
 
 from simgap import reading
 from simgap.arrays import Floats
-from simgap.errors import UserError, excerpt
+from simgap.errors import UserError, excerpt, placed
 from simgap.io.atomic import SEAL, seal_holds, sealed
 from simgap.late import pyarrow as pa
 from simgap.late import pyarrow_parquet as pq
@@ -119,12 +119,11 @@ def read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
         if not seal_holds(data):
             raise pa.ArrowInvalid("its checksum is missing or does not fit its content")
         source = pq.ParquetFile(pa.BufferReader(data))
-        require_room(table_size(source.metadata, len(columns) if columns else source.metadata.num_columns))
+        with placed(file=path):
+            require_room(table_size(source.metadata, len(columns) if columns else source.metadata.num_columns))
         return source.read(list(columns) if columns else None)
     except FileNotFoundError:
         raise UserError("the file does not exist", file=path, remedy="Run the stage that makes it.") from None
-    except UserError as error:
-        raise UserError(error.problem, file=path, remedy=error.remedy) from None
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         problem = f"not a whole Parquet file ({excerpt(str(error).splitlines()[0])})"
         raise UserError(problem, file=path, remedy=REMEDY) from None

@@ -32,6 +32,7 @@ from simgap.io.rerun.recording import (
     PlanarScene,
     curves,
     finite,
+    laid_out,
     lean,
     log_scene,
     plot,
@@ -234,18 +235,8 @@ def blueprint(content: Content) -> Any:
             name="Events", origin="/shown", contents=[f"/shown/{c}/events" for c in content.shown], columns=_columns()
         ),
     ]
-    return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Vertical(*left, row_shares=[3.0, 3.0, 1.4][-len(left) :]),
-            _curves(content),
-            _gaps(content),
-            column_shares=[9, 6, 6],
-        ),
-        rrb.TimePanel(state="collapsed", timeline=TIMELINE),
-        rrb.SelectionPanel(state="hidden"),
-        rrb.BlueprintPanel(state="hidden"),
-        auto_views=False,
-    )
+    columns = rrb.Vertical(*left, row_shares=[3.0, 3.0, 1.4][-len(left) :]), _curves(content), _gaps(content)
+    return laid_out(rrb.Horizontal(*columns, column_shares=[9, 6, 6]), timeline=TIMELINE)
 
 
 def _plane(content: Content) -> str:
