@@ -104,12 +104,8 @@ def acted_out(context: Context, section: MeasuredSection, applied: Sequence[Appl
         else ""
     )
     if section.into_simulator is not None:
-        words = "acts them out" if section.into_simulator else "stays as it is"
-        return ActedOut(
-            able if section.into_simulator else (),
-            f"The simulator {words}, as measured.into_simulator says.{rest if section.into_simulator else ''}",
-            rest=rest,
-        )
+        own, words, left = (able, "acts them out", rest) if section.into_simulator else ((), "stays as it is", "")
+        return ActedOut(own, f"The simulator {words}, as measured.into_simulator says.{left}", rest=rest)
     if kind is None or kind.of_its_own(case):
         reason = "The simulator is a separate model and stays as it is: whether it lacks the effects was not measured"
         return ActedOut((), f"{reason} (measured.into_simulator: true adds them).{rest}", rest=rest, able=able)

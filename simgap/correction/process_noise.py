@@ -172,10 +172,8 @@ class _Plant:
             basis = np.linalg.qr(a[:, :nx])[0]
             later, y = (x - basis @ (basis.T @ x) for x in (a[:, nx:], y))
             own = [later[:, k :: len(self.forced)] for k in range(len(self.forced))]
-            moved = np.abs(ends[1:, :, 1 + nx :] - ends[1:, :, :1])  # (steps, nx, steps * kinds)
-            largest = np.stack([
-                np.max([moved[m, :, m * len(own) + k] for m in range(s.steps)], axis=0) for k in range(len(own))
-            ])  # fmt: skip
+            moved = np.abs(ends[1:, :, 1 + nx :] - ends[1:, :, :1]).reshape(s.steps, nx, s.steps, len(own))
+            largest = np.diagonal(moved, axis1=0, axis2=2).max(axis=2).T  # at the end of each one's own step
             g, b = np.stack([x.T @ x for x in own]), np.stack([x.T @ y for x in own])
             yield _Regression(s.trace, g, b, float(y @ y), s.rows - nx, largest)
 

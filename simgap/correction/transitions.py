@@ -18,9 +18,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.arrays import Bools, Floats
+from simgap.arrays import Floats
 from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.verdict.missing import compiled
+from simgap.late import scipy
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
 from simgap.signals import savgol_coeffs, savgol_filter
@@ -88,7 +89,8 @@ def transitions(
     pieces = max(min(_INNER * samples, _MOST), samples)
     for w in windows:
         at = np.arange(w.t[0], w.t[-1] - step * (1 + 1e-9), step)
-        at = at[np.all([_known_at(s, w, k) for s in (at, at + step) for k in range(len(measured))], axis=0)]
+        sure = [np.interp(s, w.t, used) > 1.0 - 1e-9 for s in (at, at + step) for used in w.used.T]  # by measurements
+        at = at[np.all(sure, axis=0)]
         own = np.full(len(at), w.trace)
         columns = {n: np.interp(at, w.t, w.states[:, i]) for i, n in enumerate(names[:nx])}
         columns |= {n: np.interp(at, w.t, w.measured[:, k]) for k, n in enumerate(measured)}
@@ -199,14 +201,9 @@ def joined(windows: Sequence[WindowPrediction]) -> list[WindowPrediction]:
 
 
 def _one(run: Sequence[WindowPrediction]) -> WindowPrediction:
-    if len(run) == 1:
-        return run[0]
-
-    def whole(name: str) -> Floats:
-        return np.concatenate([getattr(w, name) for w in run])
-
     names = ("t", "measured", "before", "after", "states", "inputs", "used")
-    return WindowPrediction(run[0].trace, run[0].held_out, *(whole(n) for n in names))
+    whole = (np.concatenate([getattr(w, n) for w in run]) for n in names)
+    return WindowPrediction(run[0].trace, run[0].held_out, *whole)
 
 
 def _with_velocities(w: WindowPrediction, columns: Sequence[int], size: int, dt: float) -> WindowPrediction:
@@ -214,23 +211,11 @@ def _with_velocities(w: WindowPrediction, columns: Sequence[int], size: int, dt:
     even = np.arange(w.t[0], w.t[-1], dt)
     slopes = [savgol_filter(np.interp(even, w.t, w.measured[:, k]), size, _ORDER, deriv=1, delta=dt) for k in columns]
     more = np.stack([np.interp(w.t, even, slope) for slope in slopes], axis=1)
-    sound = np.stack([_all_around(w.used[:, k], size) for k in columns], axis=1)
+    sound = scipy.ndimage.minimum_filter1d(w.used[:, columns], size, axis=0, mode="constant")  # all around are used
     whole = np.hstack([w.measured, more]), w.before, w.after, w.states, w.inputs, np.hstack([w.used, sound])
     inner = slice(size // 2, -(size // 2))
     rows = (a[inner] for a in (w.t, *whole))
     return WindowPrediction(w.trace, w.held_out, *rows)
-
-
-def _all_around(used: Floats, size: int) -> Floats:
-    """1 where `size` samples around one are all used, 0 at the ends: (n,) -> (n,)."""
-    own = np.zeros_like(used)
-    own[size // 2 : len(used) - size // 2] = np.lib.stride_tricks.sliding_window_view(used, size).min(axis=1)
-    return own
-
-
-def _known_at(t: Floats, w: WindowPrediction, k: int) -> Bools:
-    """True where the reading of a column, interpolated, rests on measurements alone: (n,) s -> (n,)."""
-    return np.interp(t, w.t, w.used[:, k]) > 1.0 - 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,11 +261,9 @@ def followed(
             u[:, k] = np.mean([mean_input(w, k, begins - d, tau) for d in late.get(n, (0.0,))], axis=0)
         true = np.where(w.used > 0.0, w.measured - (w.after - w.states[:, seen]), np.nan)[begin:]
         if float(np.median(np.diff(t))) < tau:
-            read = np.stack([np.interp(at, t, column) for column in true.T], axis=1)
-            runs.append(Followed(w.states[begin, place], u, np.asarray(at), read))
-        else:
-            inside = t <= at[-1] * (1 + 1e-9)
-            runs.append(Followed(w.states[begin, place], u, t[inside], true[inside]))
+            t, true = np.asarray(at), np.stack([np.interp(at, t, column) for column in true.T], axis=1)
+        inside = t <= at[-1] * (1 + 1e-9)
+        runs.append(Followed(w.states[begin, place], u, t[inside], true[inside]))
     return runs
 
 

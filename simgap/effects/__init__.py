@@ -13,7 +13,7 @@ from simgap import plugins
 from simgap.config.plant import AddedEffect
 from simgap.effects.base import AppliedEffect, CoordinateEffect, Effect, EffectParameter, MjcfPlace
 from simgap.effects.commands import InputEffect, MemoryInputEffect, StaticInputEffect
-from simgap.errors import UserError
+from simgap.errors import UserError, placed
 from simgap.model.symbolic import SymbolicModel
 
 __all__ = [
@@ -82,13 +82,12 @@ def check_listed(declared: Sequence[AddedEffect], key: str) -> None:
         UserError: with the full key, such as simulator.effects.0.parameters.F_c; `key` is that of the list.
     """
     for k, added in enumerate(declared):
-        own, inner = f"{key}.{k}", "name"
-        try:
+        with placed(key=f"{key}.{k}.name"):
             kind = effect(added.name)
-            inner = "parameters"
+        try:
             kind.check_values(added.parameters)
         except UserError as error:
-            raise UserError(error.problem, key=f"{own}.{error.key or inner}", remedy=error.remedy) from None
+            raise UserError(error.problem, key=f"{key}.{k}.{error.key or 'parameters'}", remedy=error.remedy) from None
 
 
 def delays_and_lags(effects: Iterable[AppliedEffect]) -> dict[str, tuple[float, float]]:

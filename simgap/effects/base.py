@@ -171,6 +171,10 @@ class MjcfPlace:
     quantity: str = ""
 
 
+Equal: TypeAlias = "tuple[frozenset[int], dict[str, float]] | None"
+"""Places, among effects that were found, of those that another equals, and its values then; None if it equals none."""
+
+
 class Effect(ABC):
     """A physical term that a model may lack; subclasses are final and hold no state."""
 
@@ -257,13 +261,8 @@ class Effect(ABC):
         """Values to begin with, from the fit of the effect that this one contains and from one of its own starts."""
         return {**start, **contained}
 
-    def restates(
-        self, model: SymbolicModel, on: str, found: Sequence[AppliedEffect], measured: Sequence[str] = ()
-    ) -> tuple[frozenset[int], dict[str, float]] | None:
-        """Numbers of the effects that were found which it equals exactly, and its values then; None if it equals none.
-
-        `measured`: the states that are read.
-        """
+    def restates(self, model: SymbolicModel, on: str, found: Sequence[AppliedEffect], measured: Sequence[str]) -> Equal:
+        """Which of the effects that were found it equals exactly; `measured`: the states that are read."""
         return None
 
     def surfaces(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> tuple[sp.Expr, ...]:
@@ -380,9 +379,8 @@ class WheelEffect(WheeledTarget):
 
     def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
         """Turn the commands into wheel speeds and back with what the wheels make of them."""
-        if model.wheels is None:
+        if (wheels := model.wheels) is None:
             return model
-        wheels = model.wheels
         left, right = self.turned(*rim_speeds(wheels), values)
         held = model.with_input(wheels.linear, symbol("_linear"))  # both commands change at once
         turned = held.with_input(wheels.angular, (right - left) / wheels.track)
@@ -442,13 +440,9 @@ class MemoryForceEffect(CoordinateTarget):
     def force(self, memory: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """The generalised force on the coordinate."""
 
-    def memory_of(self, on: str) -> str:
-        """Name of z."""
-        return f"{on}_{self.name}"
-
     def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
         """Add the state and the force."""
-        state, velocity = self.memory_of(on), symbol(model.coordinate(on).velocity)
+        state, velocity = f"{on}_{self.name}", symbol(model.coordinate(on).velocity)
         grown = model.with_state(Variable(state, "1"), self.rate(symbol(state), velocity, values))
         return grown.with_force(on, self.force(symbol(state), velocity, values))
 

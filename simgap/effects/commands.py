@@ -7,8 +7,7 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from typing import ClassVar
 
-from simgap.effects.base import COMMAND, Effect, Kind, Values, drives
-from simgap.errors import UserError
+from simgap.effects.base import COMMAND, Effect, Kind, Values
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, Variable, symbol
 
@@ -96,27 +95,16 @@ class DriveEffect(Effect):
 
     def targets(self, model: SymbolicModel) -> tuple[str, ...]:
         """Inputs that are a force on a coordinate."""
-        return tuple(u for u in model.input_names if drives(model, u) is not None)
+        return tuple(u for u in model.input_names if u in model.driven)
 
     def units(self, model: SymbolicModel, on: str) -> dict[str, str]:
         """Units from the input's and from the position's of the coordinate that it drives."""
-        coordinate = drives(model, on)
-        length = "1" if coordinate is None else model.units[model.coordinate(coordinate).position]
+        length = model.units[model.coordinate(model.driven[on]).position]
         return {p.symbol: p.unit.format(input=model.units[on], position=length) for p in self.parameters}
 
     def speed(self, model: SymbolicModel, on: str) -> sp.Symbol:
-        """The velocity of the coordinate that the input drives.
-
-        Raises:
-            UserError: an input that is not a force on one coordinate.
-        """
-        coordinate = drives(model, on)
-        if coordinate is None:
-            raise UserError(
-                f"'{self.name}' needs the speed of what '{on}' drives, but that is not a force on one coordinate",
-                remedy="Give the plant coordinates, or name another input.",
-            )
-        return symbol(model.coordinate(coordinate).velocity)
+        """The velocity of the coordinate that the input, one of the targets, drives."""
+        return symbol(model.coordinate(model.driven[on]).velocity)
 
     def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
         """Replace the drive by what the coordinate feels of it."""

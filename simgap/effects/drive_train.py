@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import product
 from typing import ClassVar
 
@@ -56,8 +56,7 @@ class Law:
     @property
     def numbers(self) -> tuple[sp.Expr, ...]:
         """In the order in which they are given."""
-        own = self.inertia, self.stiffness, self.damping
-        return tuple(map(sp.sympify, (*own, self.half, self.stops, self.pressed, self.depth, self.read)))
+        return tuple(sp.sympify(getattr(self, f.name)) for f in fields(self))
 
     def at_the_motor(self) -> Law:
         """The same torque, read on the motor's side; nothing where there is no motor."""
@@ -95,15 +94,13 @@ class DriveTrainEffect(CoordinateTarget):
         return with_motor(model, on, self.law(values))
 
 
-def motor_states(on: str) -> tuple[str, str]:
-    """Names of the motor's place and speed behind a coordinate."""
-    return f"{on}_motor", f"{on}_motor_rate"
-
-
 def with_motor(model: SymbolicModel, on: str, law: Law) -> SymbolicModel:
-    """The model with a motor behind the coordinate; rigid, and the motor at rest, where the law's inertia is 0."""
+    """The model with a motor behind the coordinate, its place and speed as states.
+
+    Rigid, and the motor at rest, where the law's inertia is 0.
+    """
     c = model.coordinate(on)
-    motor, rate = motor_states(on)
+    motor, rate = f"{on}_motor", f"{on}_motor_rate"
     p, r = symbol(motor), symbol(rate)
     torque = law.torque(p - symbol(c.position), r - symbol(c.velocity))
     drive = sp.Add(*(symbol(u) for u in driven_by(model, on)))

@@ -13,6 +13,7 @@ from simgap.effects.base import (
     AppliedEffect,
     CoordinateEffect,
     EffectParameter,
+    Equal,
     MjcfPlace,
     Quoted,
     Scales,
@@ -42,9 +43,7 @@ class ConstantForce(CoordinateEffect):
         """Coordinates on which no input is a force: on others it is the input's bias."""
         return tuple(on for on in self.targets(model) if not driven_by(model, on))
 
-    def restates(
-        self, model: SymbolicModel, on: str, found: Sequence[AppliedEffect], measured: Sequence[str] = ()
-    ) -> tuple[frozenset[int], dict[str, float]] | None:
+    def restates(self, model: SymbolicModel, on: str, found: Sequence[AppliedEffect], measured: Sequence[str]) -> Equal:
         """The bias of an input that drives the coordinate."""
         biases = steady_biases(model, on, found)
         if len(biases) != 1 or any((a.name, a.on) == (self.name, on) for a in found):

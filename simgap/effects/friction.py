@@ -12,6 +12,7 @@ from simgap.effects.base import (
     AppliedEffect,
     CoordinateEffect,
     EffectParameter,
+    Equal,
     MemoryForceEffect,
     MjcfPlace,
     Scales,
@@ -279,9 +280,7 @@ class DirectionalFriction(CoordinateEffect):
         forwards, backwards = values["F_p"], values["F_m"]
         return -(forwards + backwards) / 2 * sp.sign(velocity) - (forwards - backwards) / 2
 
-    def restates(
-        self, model: SymbolicModel, on: str, found: Sequence[AppliedEffect], measured: Sequence[str] = ()
-    ) -> tuple[frozenset[int], dict[str, float]] | None:
+    def restates(self, model: SymbolicModel, on: str, found: Sequence[AppliedEffect], measured: Sequence[str]) -> Equal:
         """Coulomb friction beside a smaller bias of an input that drives the coordinate, or a constant force."""
         levels = {k: a.values["F_c"] for k, a in enumerate(found) if (a.name, a.on) == ("coulomb_friction", on)}
         pushes = steady_biases(model, on, found)

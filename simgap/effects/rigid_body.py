@@ -13,6 +13,7 @@ from simgap.effects.base import (
     CoordinateTarget,
     Effect,
     EffectParameter,
+    Equal,
     MjcfPlace,
     Quoted,
     Scales,
@@ -175,9 +176,7 @@ class Payload(Effect):
             changes[name] = symbol(name) + extra * (square - place.get(a, 0) * place.get(b, 0))
         return model.substitute(changes)
 
-    def restates(
-        self, model: SymbolicModel, on: str, found: Sequence[AppliedEffect], measured: Sequence[str] = ()
-    ) -> tuple[frozenset[int], dict[str, float]] | None:
+    def restates(self, model: SymbolicModel, on: str, found: Sequence[AppliedEffect], measured: Sequence[str]) -> Equal:
         """Errors of the centre of mass and of the inertia of the only link that moves, where a weight makes both."""
         own = {k: a for k, a in enumerate(found) if a.name == "parameter_error" and a.on.startswith(f"{on}.")}
         centre, moments = _centre(model, on), _moments(model, on)

@@ -3,28 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import ClassVar
 
-from simgap.effects.base import SENSOR, AppliedEffect, Effect, EffectParameter, Values
+from simgap.effects.base import SENSOR, AppliedEffect, Effect, EffectParameter, Equal, Kind, Values
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
 
 
-class SensorOffset(Effect):
+class SensorEffect(Effect):
+    """What a sensor of a state does to its reading; the motion stays as it is."""
+
+    kind: ClassVar[Kind] = "state"
+    rank: ClassVar[int] = SENSOR
+    source: ClassVar[str] = "Ljung (1999), System Identification, sec. 14.1"
+
+    def targets(self, model: SymbolicModel) -> tuple[str, ...]:
+        """Every state."""
+        return model.state_names
+
+
+class SensorOffset(SensorEffect):
     """The sensor reads the state plus a constant."""
 
     name = "sensor_offset"
     short = "an offset of the sensor of {on}"
     long = "an offset of {offset} of the sensor of {on}"
-    kind = "state"
     formula = "y = x + offset"
-    source = "Ljung (1999), System Identification, sec. 14.1"
-    rank = SENSOR
     reading_remedy = "Subtract the offset from the readings; the motion itself is unchanged."
     parameters = (EffectParameter("offset", "{state}", "reading minus truth", null=0.0),)
-
-    def targets(self, model: SymbolicModel) -> tuple[str, ...]:
-        """Every state."""
-        return model.state_names
 
     def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
         """Change what the sensor reads; the motion stays as it is."""
@@ -34,33 +40,24 @@ class SensorOffset(Effect):
 LINEAR = {"viscous_friction", "spring", "parameter_error", "reflected_inertia", "input_delay", "input_lag"}
 
 
-class SensorGain(Effect):
+class SensorGain(SensorEffect):
     """The sensor reads a multiple of the state: counts of an encoder, a belt, a potentiometer, a calibration."""
 
     name = "sensor_gain"
     short = "the gain of the sensor of {on}"
     long = "a gain of the sensor of {on} that is {ratio:off} the declared one"
-    kind = "state"
     second = True
     resembles = ("input_gain",)
     formula = "y = ratio x"
-    source = "Ljung (1999), System Identification, sec. 14.1"
-    rank = SENSOR
     reading_remedy = "Divide the readings by the gain; the motion itself is unchanged."
     excitation = "swing wider, or measure another state too"
     parameters = (EffectParameter("ratio", "1", "reading over truth", null=1.0, lower=1e-3, upper=1e3),)
-
-    def targets(self, model: SymbolicModel) -> tuple[str, ...]:
-        """Every state."""
-        return model.state_names
 
     def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
         """Change what the sensor reads; the motion stays as it is."""
         return model.with_output(on, values["ratio"] * model.outputs.get(on, symbol(on)))
 
-    def restates(
-        self, model: SymbolicModel, on: str, found: Sequence[AppliedEffect], measured: Sequence[str] = ()
-    ) -> tuple[frozenset[int], dict[str, float]] | None:
+    def restates(self, model: SymbolicModel, on: str, found: Sequence[AppliedEffect], measured: Sequence[str]) -> Equal:
         """The gain of the only input of a linear plant of which this state alone is read."""
         gains = [k for k, a in enumerate(found) if a.name == "input_gain"]
         others = {a.name for k, a in enumerate(found) if k not in gains}

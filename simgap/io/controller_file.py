@@ -358,21 +358,21 @@ def export_controller(controller: Controller, path: Path | str) -> None:
 def _about(c: Controller) -> list[str]:
     made_for = c.metadata.get("case", "a case")
     state = f"x = ({', '.join(c.states)}), as measured, in the units of the case"
-    promise = f"Controller of '{made_for}', by simgap, rule {c.rule}. {state}; u = ({', '.join(c.input_names)})."
-    promise += (
-        " At every sample: measure x, choose, apply u until the next one. Where nothing is chosen (-1) nothing is "
+    promise = (
+        f"Controller of '{made_for}', by simgap, rule {c.rule}. {state}; u = ({', '.join(c.input_names)}). At every "
+        "sample: measure x, choose, apply u until the next one. Where nothing is chosen (-1) nothing is promised: stop "
+        "safely."
     )
-    promise += "promised: stop safely."
     if c.rule == "least_effort":
         promise += (
             " The smallest admissible input is taken: it may switch at every sample, and the state may drift to a "
+            "border of the domain."
         )
-        promise += "border of the domain."
     lines = wrap(re.sub(r"[^ -~]", "?", promise).replace("*/", "* /").replace('"""', "'''"), 100)
     if c.progress is not None:
-        lines += ["What its task has come to is part of its state: remember it, beginning with FIRST. At every sample"]
         lines += [
-            "choose with the memory, then give observe(x, memory) and the choice to the function for the next one."
+            "What its task has come to is part of its state: remember it, beginning with FIRST. At every sample",
+            "choose with the memory, then give observe(x, memory) and the choice to the function for the next one.",
         ]
     if c.late:
         lines += ["An input acts one sample after it is chosen: remember it, beginning with FIRST, and give it back."]

@@ -62,15 +62,8 @@ def render(template: str, **content: Any) -> str:
     from simgap.diagnosis.verdict.words import phrase
 
     environment = _environment(autoescape=True)
-    environment.filters |= {
-        "number": number,
-        "interval": interval,
-        "powers": powers,
-        "unit": pretty_unit,
-        "phrase": phrase,
-        "described": described,
-        "script_data": script_data,
-    }
+    filters = {f.__name__: f for f in (number, interval, powers, phrase, described, script_data)}
+    environment.filters |= filters | {"unit": pretty_unit}
     environment.globals["library"] = library
     style = Markup(reading.read_text(folder() / STYLE))  # quotes of font names must stay quotes
     return _with_contents(printable(environment.get_template(template).render(style=style, **content)))

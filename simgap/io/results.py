@@ -16,7 +16,7 @@ import numpy as np
 
 from simgap import reading
 from simgap.arrays import Floats
-from simgap.errors import UserError, excerpt
+from simgap.errors import UserError, excerpt, placed
 from simgap.io.atomic import SEAL, seal_holds, sealed
 from simgap.late import pyarrow as pa
 from simgap.late import pyarrow_parquet as pq
@@ -78,13 +78,10 @@ def table(
 ) -> pa.Table:
     """A table of float columns (n,) with units, plus typed columns that hold one value throughout."""
     rows = len(next(iter(columns.values())))
-    arrays, fields = [], []
-    for name, values in columns.items():
-        arrays.append(pa.array(values))
-        fields.append(pa.field(name, arrays[-1].type, metadata={"unit": units.get(name, "1")}))
-    for name, value in constants.items():
-        arrays.append(_constant(value, rows))
-        fields.append(pa.field(name, arrays[-1].type))
+    arrays = [*map(pa.array, columns.values()), *(_constant(value, rows) for value in constants.values())]
+    told = [*({"unit": units.get(name, "1")} for name in columns), *(None for _ in constants)]
+    each = zip((*columns, *constants), arrays, told, strict=True)
+    fields = [pa.field(name, array.type, metadata=own) for name, array, own in each]
     schema = pa.schema(fields, metadata={"provenance": json.dumps(provenance, sort_keys=True)})
     return pa.Table.from_arrays(arrays, schema=schema)
 
@@ -122,12 +119,11 @@ def read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
         if not seal_holds(data):
             raise pa.ArrowInvalid("its checksum is missing or does not fit its content")
         source = pq.ParquetFile(pa.BufferReader(data))
-        require_room(table_size(source.metadata, len(columns) if columns else source.metadata.num_columns))
+        with placed(file=path):
+            require_room(table_size(source.metadata, len(columns) if columns else source.metadata.num_columns))
         return source.read(list(columns) if columns else None)
     except FileNotFoundError:
         raise UserError("the file does not exist", file=path, remedy="Run the stage that makes it.") from None
-    except UserError as error:
-        raise UserError(error.problem, file=path, remedy=error.remedy) from None
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         problem = f"not a whole Parquet file ({excerpt(str(error).splitlines()[0])})"
         raise UserError(problem, file=path, remedy=REMEDY) from None

@@ -84,19 +84,10 @@ def split(table: pa.Table, states: Sequence[str], inputs: Sequence[str]) -> list
 def _one(table: pa.Table, states: Sequence[str], inputs: Sequence[str], controller: str, plant: str, run: int) -> Trace:
     chosen = pc.and_(pc.equal(table["controller"], controller), pc.equal(table["plant"], plant))
     rows = table.filter(pc.and_(chosen, pc.equal(table["run"], run))).sort_by("step")
-    columns = {prefix: stack(rows, [f"{prefix}_{n}" for n in states]) for prefix in ("gap", "lo", "hi")}
-    return Trace(
-        controller=controller,
-        plant=plant,
-        run=run,
-        t=rows["sim_time"].to_numpy(),
-        x=stack(rows, states),
-        u=stack(rows, inputs) if inputs else np.empty((rows.num_rows, 0)),
-        d=columns["gap"],
-        lo=columns["lo"],
-        hi=columns["hi"],
-        safe=rows["safe"].to_numpy(),
-    )
+    t, x, safe = rows["sim_time"].to_numpy(), stack(rows, states), rows["safe"].to_numpy()
+    u = stack(rows, inputs) if inputs else np.empty((rows.num_rows, 0))
+    d, lo, hi = (stack(rows, [f"{prefix}_{n}" for n in states]) for prefix in ("gap", "lo", "hi"))
+    return Trace(controller, plant, run, t, x, u, d, lo, hi, safe)
 
 
 def to_table(

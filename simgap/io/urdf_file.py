@@ -25,20 +25,15 @@ def with_inertial(source: Path, folder: Path, inertial: Mapping[str, Floats]) ->
     ends = [(j.find("parent"), j.find("child"), j.get("type")) for j in robot.findall("joint")]
     fixed = {c.get("link"): p.get("link") for p, c, kind in ends if kind == "fixed" and p is not None and c is not None}
     for link in robot.findall("link"):
-        name = link.get("name", "")
+        name = carrier = link.get("name", "")
+        while carrier in fixed:
+            carrier = fixed[carrier] or ""
         if name in inertial:
             write_inertial(link, inertial[name])
-        elif _carrier(name, fixed) in inertial and (own := link.find("inertial")) is not None:
+        elif carrier in inertial and (own := link.find("inertial")) is not None:
             link.remove(own)
     move_meshes(robot, source.parent, folder)
     return ElementTree.tostring(robot, encoding="unicode", xml_declaration=True) + "\n"
-
-
-def _carrier(name: str, fixed: Mapping[str | None, str | None]) -> str:
-    """The link that carries this one over fixed joints."""
-    while name in fixed:
-        name = fixed[name] or ""
-    return name
 
 
 def write_inertial(link: ElementTree.Element, p: Floats) -> None:

@@ -178,16 +178,14 @@ def _samples(context: Context, rollout: float, eps: float | None, startup: float
         yield StageCost(
             "borders", beside, "samples on borders of X", startup + beside * repeated * rollout, 2 * BYTES, key
         )
-    for stage, rate in (("scp", FIT), ("lipschitz", SLOPES), ("gap", BOUND)):
-        if case.gap is not None or case.hidden_state is not None:
-            attacks = 0 if case.hidden_state is None or stage != "gap" else 2 * case.hidden_state.search
-            more = attacks * (1 + SEARCH_LENGTH) * rollout if case.hidden_state and attacks else 0.0
-            terms = _terms(context) if stage == "scp" else 0
-            program = max(PROGRAM * terms**2, LARGE_PROGRAM * terms**3)
-            seconds = startup + nx * (count * rate + program) + more
-            cheaper = "gap.basis" if nx * program > 0.5 * seconds else key
-            words = f"{of}, {terms} terms" if cheaper == "gap.basis" else of
-            yield StageCost(stage, count, words, seconds, held, cheaper)
+    for stage, rate in (("scp", FIT), ("lipschitz", SLOPES), ("gap", BOUND)) if checks is not None else ():
+        attacks = 0 if case.hidden_state is None or stage != "gap" else 2 * case.hidden_state.search
+        terms = _terms(context) if stage == "scp" else 0
+        program = max(PROGRAM * terms**2, LARGE_PROGRAM * terms**3)
+        seconds = startup + nx * (count * rate + program) + attacks * (1 + SEARCH_LENGTH) * rollout
+        cheaper = "gap.basis" if nx * program > 0.5 * seconds else key
+        words = f"{of}, {terms} terms" if cheaper == "gap.basis" else of
+        yield StageCost(stage, count, words, seconds, held, cheaper)
 
 
 def _grid(context: Context, eps: float | None) -> Grid:
@@ -247,9 +245,8 @@ def _control(context: Context, rollout: float, startup: float, pair: float) -> I
         held = 2 * BYTES + (12.0 + packed) * cells
         if not wheeled:
             seconds, held = seconds + MARGIN * cells * inputs, held + MARGIN_BYTES * (1 + len(context.states)) * cells
-        of_cells = held > 4 * BYTES or seconds > 2 * calls * rollout  # most of it is not for the steps
         of, key = "steps of the adversary", "audit.evaluations"
-        if of_cells:
+        if held > 4 * BYTES or seconds > 2 * calls * rollout:  # most of it is not for the steps
             of, key = f"{of} on {cells:,} cells", "synthesis.cells"
         yield StageCost("audit", calls, of, seconds, held, key)
 

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from simgap import plugins, reading
+from simgap.arrays import Floats
 from simgap.config.case import Case
 from simgap.config.named_files import places_of
 from simgap.errors import Finding, UserError
@@ -226,42 +227,31 @@ def drives(case: Case, folder: Path) -> list[Drive]:
     """
     from simgap.simulators.rollouts import make_simulator
 
-    if case.plant.symbolic is None or case.plant.symbolic.wheels is None:
+    wheels = case.plant.symbolic.wheels if case.plant.symbolic is not None else None
+    if wheels is None or case.domain is None or case.simulator is None:
         return []  # of no wheeled robot: not even built
-    plain = case.simulator.model_copy(update={"effects": ()}) if case.simulator is not None else None
+    tau, told = case.domain.tau, _commands(*(case.domain.U[name].list() for name in (wheels.linear, wheels.angular)))
+    plain = case.simulator.model_copy(update={"effects": ()})
     with make_simulator(case.model_copy(update={"simulator": plain}), folder) as robot:
-        return [_drive(robot, case, *told) for told in _commands(case)] if isinstance(robot, WheeledEngine) else []
+        return [_drive(robot, tau, *each) for each in told] if isinstance(robot, WheeledEngine) else []
 
 
-def _commands(case: Case) -> list[tuple[bool, float, float]]:
+def _commands(linear: Floats, angular: Floats) -> list[tuple[bool, float, float]]:
     """The largest speed with the least turning, and the other way round; none that would not move."""
-    wheels = case.plant.symbolic.wheels if case.plant.symbolic else None
-    if wheels is None or case.domain is None:
-        return []
-    linear, angular = (case.domain.U[name].list() for name in (wheels.linear, wheels.angular))
     straight = max(linear, key=lambda v: (abs(v), v)), min(angular, key=abs)
     turn = min(linear, key=abs), max(angular, key=lambda w: (abs(w), w))
     return [told for told, own in (((True, *straight), straight[0]), ((False, *turn), turn[1])) if own != 0.0]
 
 
-def _drive(robot: WheeledEngine, case: Case, straight: bool, linear: float, angular: float) -> Drive:
-    tau = case.domain.tau if case.domain is not None else 1.0
+def _drive(robot: WheeledEngine, tau: float, straight: bool, linear: float, angular: float) -> Drive:
     a, b = robot.commands
     u = np.zeros(2)
     u[a], u[b] = linear, angular
     _, paths = robot.chain(np.zeros(3), np.tile(u, (max(2, int(np.ceil(LONG / tau))), 1)))
     x, y, turn = (float(paths[-1, -1, k]) for k in robot.pose)
     forwards, sideways = _in_the_body(x / tau, y / tau, turn)
-    height, leans = robot.standing()
-    return Drive(
-        straight,
-        (linear, angular),
-        (forwards, sideways, turn / tau),
-        robot.wheel_rates(linear, angular),
-        robot.turning(),
-        height,
-        leans,
-    )
+    told, moved = (linear, angular), (forwards, sideways, turn / tau)
+    return Drive(straight, told, moved, robot.wheel_rates(*told), robot.turning(), *robot.standing())
 
 
 def _in_the_body(x: float, y: float, turn: float) -> tuple[float, float]:

@@ -145,8 +145,7 @@ def find_long_steps(context: Context) -> Iterator[Finding]:
     drawn = box.lo + (box.hi - box.lo) * np.random.default_rng(0).random((DRAWN, len(context.states)))
     x, u = (np.array(part) for part in zip(*itertools.product(drawn, inputs), strict=True))
     rows = sp.lambdify((*model.x, *model.u), model.rule, modules="numpy")
-    with np.errstate(all="ignore"):
-        values = np.stack([np.broadcast_to(row, len(x)) for row in rows(*x.T, *u.T)], axis=1)
+    values = _rates(rows, x, u).T
     moved = np.abs(values * model.tau if isinstance(model, RungeKutta) else values - x)
     widths = np.median(moved, axis=0) / (box.hi - box.lo)
     for j in np.argsort(-widths, kind="stable"):  # what is refused is the worst: others may only follow it
@@ -273,30 +272,23 @@ def find_degrees(context: Context, joints: Mapping[str, FileJoint]) -> Iterator[
     Raises:
         UserError: an angle far beyond the limits of its joint, which would lie within them as degrees.
     """
-    if context.case.domain is not None:
-        yield from filter(None, (_angle(context, joints, name) for name in context.states))
-
-
-def _angle(context: Context, joints: Mapping[str, FileJoint], name: str) -> Finding | None:
-    if context.units[name] != "rad":
-        return None
-    lo, hi = context.domain.X[name]
-    most = max(abs(lo), abs(hi))
-    whole = all(abs(end / ROUND - round(end / ROUND)) < 1e-9 for end in (lo, hi))
-    if not (whole and most >= LEAST) and most < LARGE:
-        return None
-    meant = f"[{math.radians(lo):.4g}, {math.radians(hi):.4g}]"
-    key = f"domain.X.{name}"
-    problem = f"[{lo:g}, {hi:g}] is in rad, {most / math.tau:.3g} turns away from 0; it looks like degrees"
-    remedy = f"Write {meant} if it is, and rates, targets and obstacles of it in rad too"
-    joint = joints.get(context.case.plant.states[name].joint or "")
-    if joint is not None and joint.range is not None:
-        ends = max(abs(end) for end in joint.range)
-        if most > BEYOND * ends and math.radians(most) <= ends:
-            stops = f"ends at {joint.range[0]:g} and {joint.range[1]:g}"
-            own = f"; its joint '{context.case.plant.states[name].joint}' {stops}"
-            raise UserError(problem + own, key=key, remedy=f"{remedy}.")
-    return Finding(key, problem, f"{remedy}; leave it if the angle winds so far")
+    for name in context.states if context.case.domain is not None else ():
+        lo, hi = context.domain.X[name]
+        most = max(abs(lo), abs(hi))
+        whole = all(abs(end / ROUND - round(end / ROUND)) < 1e-9 for end in (lo, hi))
+        if context.units[name] != "rad" or (most < LARGE and not (whole and most >= LEAST)):
+            continue
+        meant = f"[{math.radians(lo):.4g}, {math.radians(hi):.4g}]"
+        key, own = f"domain.X.{name}", context.case.plant.states[name].joint or ""
+        problem = f"[{lo:g}, {hi:g}] is in rad, {most / math.tau:.3g} turns away from 0; it looks like degrees"
+        remedy = f"Write {meant} if it is, and rates, targets and obstacles of it in rad too"
+        joint = joints.get(own)
+        if joint is not None and joint.range is not None:
+            ends = max(abs(end) for end in joint.range)
+            if most > BEYOND * ends and math.radians(most) <= ends:
+                problem += f"; its joint '{own}' ends at {joint.range[0]:g} and {joint.range[1]:g}"
+                raise UserError(problem, key=key, remedy=f"{remedy}.")
+        yield Finding(key, problem, f"{remedy}; leave it if the angle winds so far")
 
 
 def refuse_seams(context: Context) -> None:

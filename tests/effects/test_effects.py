@@ -178,11 +178,11 @@ def test_errors_of_centre_and_inertia_are_a_payload_where_one_link_moves():
         AppliedEffect("viscous_friction", "hinge", {"b": 0.1}),
         AppliedEffect("parameter_error", "rod.inertia", {"ratio": 1.576}),
     ]
-    places, values = EFFECTS["payload"].restates(pendulum(), "rod", some)
+    places, values = EFFECTS["payload"].restates(pendulum(), "rod", some, ())
     assert places == {0, 2}
     assert values == pytest.approx({"m_p": 0.3, "r": 0.8}, rel=1e-9)
     lighter = [AppliedEffect("parameter_error", "rod.com", {"ratio": 0.9}), *some[1:]]
-    assert EFFECTS["payload"].restates(pendulum(), "rod", lighter) is None
+    assert EFFECTS["payload"].restates(pendulum(), "rod", lighter, ()) is None
 
 
 def test_reflected_inertia_slows_every_force():
@@ -343,7 +343,7 @@ def test_a_bias_is_a_force_where_nothing_bends_the_command_after_it(name, beside
         AppliedEffect("input_bias", "torque", {"bias": 0.05}),
         *([beside] if beside else []),
     ]
-    same = EFFECTS[name].restates(pendulum(), "hinge", found)
+    same = EFFECTS[name].restates(pendulum(), "hinge", found, ())
     assert (same is not None) is says
     if same is not None:
         places, values = same

@@ -32,6 +32,7 @@ from simgap.io.results import table, write_parquet
 from simgap.io.rerun.recording import plot, recording_file
 from simgap.cli.commands import app
 path = Path(sys.argv[1])
+sys.dont_write_bytecode = True  # Python 3.11 leaves half of it where the disk is full, and believes it later
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000))
 

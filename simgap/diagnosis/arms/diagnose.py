@@ -331,12 +331,11 @@ def _terms(found: Found, tree: Tree, units: Mapping[str, str]) -> list[FoundEffe
 
 def _base(tree: Tree, found: Found) -> tuple[BaseParameter, ...]:
     """Every combination, declared and found."""
-    declared = found.base.combine @ tree.inertial.ravel()
-    rows = []
-    for k, (name, link, unit) in enumerate(zip(found.base.names, found.base.links, found.base.units, strict=True)):
-        estimate = found.estimate(k, unit, float(declared[k])) if k in found.active else None
-        rows.append(BaseParameter(name, link, unit, float(declared[k]), estimate))
-    return tuple(rows)
+    base, declared = found.base, (found.base.combine @ tree.inertial.ravel()).tolist()
+    return tuple(
+        BaseParameter(name, link, unit, own, found.estimate(k, unit, own) if k in found.active else None)
+        for k, (name, link, unit, own) in enumerate(zip(base.names, base.links, base.units, declared, strict=True))
+    )
 
 
 def _links(base: Sequence[BaseParameter]) -> list[FoundEffect]:

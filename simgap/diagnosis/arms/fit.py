@@ -114,7 +114,7 @@ def forward(
     active, gains = given, dict[int, float]()
     bic = _bic(gram, right, judge, together, active)
     while True:
-        best: tuple[float, int] | None = None
+        better = dict[int, float]()
         taken = [keys[k].joint for k in active]
         full = {None, *(j for j in taken if taken.count(j) >= most)}
         for k, key in enumerate(keys):
@@ -122,16 +122,15 @@ def forward(
                 continue
             trial = (*active, k)
             theta = solve(gram, right, trial)
-            if not all(admissible(keys[i], float(theta[i])) for i in trial):
-                continue
-            value = _bic(gram, right, judge, together, trial)
-            enough = AS_GOOD if key.effect in EXPECTED else BIC_GAIN
-            if bic - value > enough and (best is None or value < best[0]):
-                best = value, k
-        if best is None:
+            if all(admissible(keys[i], float(theta[i])) for i in trial):
+                value = _bic(gram, right, judge, together, trial)
+                if bic - value > (AS_GOOD if key.effect in EXPECTED else BIC_GAIN):
+                    better[k] = value
+        if not better:
             return Choice(active, bic, gains)
-        gains[best[1]] = bic - best[0]
-        bic, active = best[0], (*active, best[1])
+        best = min(better, key=lambda k: better[k])
+        gains[best] = bic - better[best]
+        bic, active = better[best], (*active, best)
 
 
 def one_by_one(
@@ -168,12 +167,10 @@ def doubted(
 
 def weights_of(part: Part, size: int) -> tuple[Floats, Floats]:
     """(n,) one over the spread that every column together leaves, and rows that count as one there."""
-    weights = 1.0 / np.maximum(spread(part, np.zeros(size)), 1e-12)
     theta = np.zeros(size)
     for _ in range(3):
-        theta = solve(*part.grams(weights), range(size))
-        weights = 1.0 / np.maximum(spread(part, theta), 1e-12)
-    return weights, correlation_rows(part, theta)
+        theta = solve(*part.grams(1.0 / np.maximum(spread(part, theta), 1e-12)), range(size))
+    return 1.0 / np.maximum(spread(part, theta), 1e-12), correlation_rows(part, theta)
 
 
 def settled(

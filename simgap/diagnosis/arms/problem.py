@@ -281,8 +281,8 @@ class ArmFolds:
 
 
 def folds_of(
-    part: Part, names: Sequence[str], held: Sequence[str], share: float, payloads: Sequence[Payload] = ()
-) -> ArmFolds:  # fmt: skip
+    part: Part, names: Sequence[str], held: Sequence[str], share: float, payloads: Sequence[Payload]
+) -> ArmFolds:
     """Cut rows into fit, choose and confirm, as `split_folds` cuts windows: traces, or eighths of fewer than three.
 
     Args:

@@ -100,8 +100,7 @@ def under_conditions(
         if not any(same_file(c.file, file) for file in files):
             raise UserError(f"there is no recording '{c.file}'", key=_KEY, remedy=f"Files: {', '.join(sorted(files))}.")
     _ = conditioned(model, names)  # refuses unknown names
-    traces = []
-    record = reading.record
+    traces, record = [], reading.record
     for trace in record.traces:
         own = [c for c in conditions if same_file(c.file, reading.origins[trace.name][0])]
         values = {n: model.parameters[n].value for n in names} | dict(reading.conditions.get(trace.name, {}))

@@ -47,9 +47,7 @@ def noise_floor(record: Record) -> Floats:
     """
     total, count = np.zeros(len(record.measured)), np.zeros(len(record.measured))
     for trace in record.traces:
-        if len(trace.t) <= ORDER:
-            continue
-        for a in range(0, len(trace.t) - ORDER, _BLOCK):
+        for a in range(0, len(trace.t) - ORDER, _BLOCK):  # none of a trace that is too short
             part = slice(a, min(a + _BLOCK + ORDER, len(trace.t)))
             weights = difference_weights(trace.t[part])
             views = np.lib.stride_tricks.sliding_window_view(trace.y[part], ORDER + 1, axis=0)  # (rows, k, 7)

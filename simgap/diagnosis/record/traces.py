@@ -83,10 +83,8 @@ def read_traces(
     used = [c for c in channels if c.is_input or c.name in measured]
     inputs = tuple(c.name for c in used if c.is_input)
     names = _unique_names([table.file for table in tables])
-    traces: list[Trace] = []
-    notes: list[FileNotes] = []
+    traces, notes, said = list[Trace](), list[FileNotes](), list[str]()
     origins: dict[str, tuple[str, str | None]] = {}
-    said: list[str] = []
     for table, name in zip(tables, names, strict=True):
         own, note, labels, lost = _file_traces(table, name, used, len(measured), section)
         said += [f"{table.file}: {words}" for words in (*table.notes, *lost)]
@@ -113,9 +111,7 @@ def _file_traces(
         raise UserError("has one row", file=table.file, remedy="Give a recording that lasts at least one window.")
     values_of, turns_of = convert(table, used)
     t, epoch = seconds(table, section.time.unit)
-    traces: list[Trace] = []
-    labels: list[str | None] = []
-    parts: list[Split] = []
+    traces, labels, parts = list[Trace](), list[str | None](), list[Split]()
     groups = [(label, rows, concerning(section.masks, table.file, label)) for label, rows in by_label(table)]
     empty = np.isnan([values_of[c.name] for c in used])
     said = list(_empty_cells(table.file, used, empty, [rows[kept(t[rows], masks)] for _, rows, masks in groups]))
@@ -318,22 +314,21 @@ def check_interval(t: Floats, window_s: float, unit: str | None, file: str) -> N
     typical, lasts, read = float(np.median(steps)), float(t[-1] - t[0]), unit or "s"
     factors = {u: conversion(u, "s").factor for u in _SHORTER}
     looks = next((u for u, k in factors.items() if typical * k <= needed and lasts * k > window_s), None)
+    widen = f"set measured.window_s to {MIN_SAMPLES * typical:.2g} or more"
     if looks is None or conversion(read, "s").factor != 1.0:
-        raise UserError(
+        problem = (
             f"the stamps are {typical:.3g} s apart (read in {read}), a window of {window_s:g} s needs "
-            f"{MIN_SAMPLES} samples",
-            file=file, key="measured.time.unit",
-            remedy=f"Correct the unit of the stamps, or set measured.window_s to {MIN_SAMPLES * typical:.2g} or more.",
-        )  # fmt: skip
-    factor = factors[looks]
-    raise UserError(
-        f"the stamps look like {looks} and are read as s: {typical:.3g} from one to the next and {lasts:.3g} in all; "
-        f"in {looks} that is {1.0 / (typical * factor):.3g} samples a second for {lasts * factor:.3g} s",
-        file=file,
-        key="measured.time.unit",
-        remedy=f"Write `time: {{unit: {looks}}}` under `measured:` (if they are s, "
-        f"set measured.window_s to {MIN_SAMPLES * typical:.2g} or more).",
-    )
+            f"{MIN_SAMPLES} samples"
+        )
+        remedy = f"Correct the unit of the stamps, or {widen}."
+    else:
+        factor = factors[looks]
+        problem = (
+            f"the stamps look like {looks} and are read as s: {typical:.3g} from one to the next and {lasts:.3g} in "
+            f"all; in {looks} that is {1.0 / (typical * factor):.3g} samples a second for {lasts * factor:.3g} s"
+        )
+        remedy = f"Write `time: {{unit: {looks}}}` under `measured:` (if they are s, {widen})."
+    raise UserError(problem, file=file, key="measured.time.unit", remedy=remedy)
 
 
 def merge_repeats(t: Floats, columns: Floats) -> tuple[Floats, Floats, int]:
@@ -433,11 +428,8 @@ def _unwrapped(
 ) -> tuple[Floats, tuple[int, ...]]:
     steps = np.diff(t)
     typical = float(np.median(steps[steps > 0.0]))
-    changed: list[int] = []
+    straight, changed = block.copy(), []
     for j, (turn, wrapped) in turns.items():
-        straight, jumped = unwrap(block[:, j], steps, typical, turn, wrapped)
-        if jumped:
-            block = block.copy() if not changed else block
-            block[:, j] = straight
-            changed.append(j)
-    return block, tuple(changed)
+        straight[:, j], jumped = unwrap(block[:, j], steps, typical, turn, wrapped)
+        changed += [j] * jumped
+    return straight, tuple(changed)

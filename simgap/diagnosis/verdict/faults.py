@@ -117,7 +117,8 @@ def extrapolated(record: Record, parts: Parts, at: Fit) -> tuple[str, ...]:
             (slice(k, -k), trace.u[_between(trace, begin - reach, end)]),
             (slice(-k, None), _rates(trace.t[around], trace.y[around])),
         ):
-            further[columns] |= _outside(values, low[:, columns], high[:, columns])
+            inside = (values[:, None] >= low[:, columns]) & (values[:, None] <= high[:, columns])
+            further[columns] |= ~inside.any(axis=1).all(axis=0)  # somewhere in none of the ranges
     further[:k] |= further[-k:]
     return tuple(n for n, is_further in zip((*record.measured, *record.inputs), further, strict=False) if is_further)
 
@@ -135,12 +136,6 @@ def _ranges(problem: Problem, slack: Floats) -> tuple[Floats, Floats]:
         rows.append([(np.min(c, initial=np.inf), np.max(c, initial=-np.inf)) for c in each])
     table = np.array(rows)
     return table[:, :, 0] - slack, table[:, :, 1] + slack
-
-
-def _outside(own: Floats, low: Floats, high: Floats) -> Bools:
-    """Which columns of own (n, c) are somewhere in none of the ranges (s, c)."""
-    inside = (own[:, None] >= low) & (own[:, None] <= high)
-    return np.asarray(~inside.any(axis=1).all(axis=0))
 
 
 def _rates(t: Floats, y: Floats) -> Floats:
@@ -164,7 +159,8 @@ def _leaves(known: Problem, at: Fit, left: Span) -> float:
         return end
     own = before[np.argmax(w.stop[before])]
     a, b, first = int(w.start[own]), int(w.stop[own]), int(w.first[own])
-    last = b + int(np.searchsorted(t[b:][: _rest(known, first, b)], end, side="right"))
+    until = known.firsts[known.firsts > first].min(initial=len(t))
+    last = b + int(np.searchsorted(t[b:until], end, side="right"))
     if t[b] < begin or last - b < 2:  # something else lies between
         return end
     part = known.on(Windows(*(np.array([v]) for v in (a, last, first, which))))
@@ -176,9 +172,3 @@ def _leaves(known: Problem, at: Fit, left: Span) -> float:
     off = np.any(np.abs(miss) > FAR * size, axis=1)[b - a :]
     gone = np.flatnonzero(off[:-1] & off[1:])
     return float(t[b + gone[0]]) if gone.size else end
-
-
-def _rest(known: Problem, first: int, b: int) -> int:
-    """Samples of the trace that begins at `first` from b on."""
-    later = known.firsts[known.firsts > first]
-    return int(later.min(initial=len(known.t))) - b

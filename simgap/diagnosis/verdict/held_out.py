@@ -14,6 +14,7 @@ import numpy as np
 
 from simgap.arrays import Bools, Floats, Ints
 from simgap.diagnosis.record.folds import LOOK_BACK_SAMPLES, Windows, merged
+from simgap.diagnosis.record.record import runs
 from simgap.diagnosis.result import Concentrated, Judged, Stretches
 from simgap.diagnosis.search.confidence import at_noise, chi2_dof
 from simgap.diagnosis.search.fit import Fit, fit
@@ -275,14 +276,9 @@ def _places(confirm: Problem, names: Sequence[str], after: HorizonError, bad: Bo
     np.add.at(change, after.begin[bad], 1.0)
     np.add.at(change, after.end[bad] + 1, -1.0)
     cover = np.cumsum(change)[:-1]
-    out, k = [], 0
-    while k < len(cover):
-        if cover[k] == 0.0:
-            k += 1
-            continue
-        stop = k + int(np.argmax(np.append(cover[k:], 0.0) == 0.0))
-        core = k + np.flatnonzero(cover[k:stop] > 0.5 * cover[k:stop].max())
-        trace = int(np.searchsorted(confirm.firsts, k, side="right")) - 1
+    out = []
+    for a, b in runs(cover != 0.0):
+        core = a + np.flatnonzero(cover[a:b] > 0.5 * cover[a:b].max())
+        trace = int(np.searchsorted(confirm.firsts, a, side="right")) - 1
         out.append((names[trace], float(confirm.t[core[0]]), float(confirm.t[core[-1]])))
-        k = stop
     return tuple(out)

@@ -207,12 +207,10 @@ def _binned(x: Floats, y: Floats, thin: float) -> Binned:
     low, high = np.quantile(x, [0.005, 0.995])
     edges = np.linspace(float(low), float(high), BINS + 1)
     which = np.clip(np.digitize(x, edges) - 1, -1, BINS)
-    centre, mean, half = [], [], []
-    for b in range(BINS):
-        inside = y[which == b]
-        independent = inside.size / thin
-        if independent >= 3.0:
-            centre.append(0.5 * (edges[b] + edges[b + 1]))
-            mean.append(float(np.mean(inside)))
-            half.append(SURE * float(np.std(inside)) / np.sqrt(independent))
-    return Binned(np.array(centre), np.array(mean), np.array(half))
+    inside = [y[which == b] for b in range(BINS)]
+    rows = [
+        (0.5 * (edges[b] + edges[b + 1]), np.mean(own), SURE * np.std(own) / np.sqrt(own.size / thin))
+        for b, own in enumerate(inside)
+        if own.size / thin >= 3.0
+    ]
+    return Binned(*np.array(rows, dtype=np.float64).reshape(-1, 3).T)

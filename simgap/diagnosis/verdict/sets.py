@@ -48,12 +48,11 @@ def real(search: Search, found: Explanation, at_floor: bool) -> Explanation:
     the place of those that refine it by a number the data do not give, where that is as good; one after another, the
     rest fitted again."""
     while found.members:
-        gone, loose = (asked(search, found, at_floor) for asked in (vanished, _loose))
-        gone = gone or (negligible(search, found) if at_floor else [])
+        gone = vanished(search, found, at_floor) or (negligible(search, found) if at_floor else [])
         if gone:
             found = search.without(found, gone[0])
             continue
-        plainer = [search.coarser(found, c) for c in loose]
+        plainer = [search.coarser(found, c) for c in _loose(search, found, at_floor)]
         as_good = [e for e in plainer if e.bic - found.bic < BIC_GAIN]
         if not as_good:
             break
@@ -63,8 +62,6 @@ def real(search: Search, found: Explanation, at_floor: bool) -> Explanation:
 
 def vanished(search: Search, found: Explanation, at_floor: bool) -> list[Candidate]:
     """Its effects whose 95 % interval contains "no effect"."""
-    if not found.members:
-        return []
     return vanishing(search.problem, found.members, found.fit, *errors_of(search, found, at_floor))
 
 

@@ -139,14 +139,11 @@ def _refuse_no_file(path: Path, file: str) -> None:
 
 def _stamps(column: Any, name: str) -> tuple[Any, str | None]:
     """Time stamps and the unit their type carries."""
-    if pa.types.is_timestamp(column.type) or pa.types.is_duration(column.type):
-        unit = column.type.unit
-        _no_nulls(column, name)
-        return np.asarray(column.cast(pa.int64()).to_numpy(), dtype=np.int64), unit
-    if pa.types.is_integer(column.type):
-        _no_nulls(column, name)
-        return np.asarray(column.to_numpy(), dtype=np.int64), None
-    return _numbers(column, name, stamps=True), None
+    timed = pa.types.is_timestamp(column.type) or pa.types.is_duration(column.type)
+    if not timed and not pa.types.is_integer(column.type):
+        return _numbers(column, name, stamps=True), None
+    _no_nulls(column, name)
+    return column.cast(pa.int64(), safe=False).to_numpy(), column.type.unit if timed else None
 
 
 def _numbers(column: Any, name: str, stamps: bool = False) -> Floats:

@@ -165,10 +165,9 @@ def json_cells(path: Path, columns: Iterable[str]) -> tuple[tuple[str, ...], dic
     Raises:
         UserError: a file that is no JSON, is too large or holds no samples.
     """
-    samples = read_samples(path)
-    constants, varying, rows = samples.constants, dict[str, None](), 0
+    (constants, samples), varying, rows = read_samples(path), dict[str, None](), 0
     cells: dict[str, list[Any]] = {name: [] for name in columns}
-    for rows, row in enumerate(samples.rows, 1):
+    for rows, row in enumerate(samples, 1):
         if not row.keys() <= varying.keys():
             varying |= dict.fromkeys(row)
         for name, own in cells.items():
@@ -234,17 +233,9 @@ _SHAPE = 'Write a list of objects, one a sample: [{"t": 0.0, "q": 0.1}, ...].'
 _WRITTEN = "Correct it there, or export it again."
 
 
-@dataclass(frozen=True)
-class Samples:
-    """Samples of a file.
-
-    Attributes:
-        constants: name -> a number, a text, a boolean or None that stands beside the samples.
-        rows: name -> the same of each sample, in the order of the file; read once.
-    """
-
-    constants: Mapping[str, Any]
-    rows: Iterator[Mapping[str, Any]]
+Samples = tuple[Mapping[str, Any], Iterator[Mapping[str, Any]]]
+"""Name -> a number, a text, a boolean or None that stands beside the samples; the same of each sample, in the order of
+the file, read once."""
 
 
 def read_samples(path: Path) -> Samples:
@@ -254,7 +245,7 @@ def read_samples(path: Path) -> Samples:
         UserError: a file that is no JSON, is too large or holds no samples; rows raise for what is wrong with them.
     """
     if _are_lines(path):
-        return Samples({}, _rows(_line_values(path), "line"))
+        return {}, _rows(_line_values(path), "line")
     return _samples(_document(path))
 
 
@@ -317,7 +308,7 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 def _samples(content: Any) -> Samples:
     """Samples of a document."""
     if isinstance(content, list):
-        return Samples({}, _rows(enumerate(content, 1), "row"))
+        return {}, _rows(enumerate(content, 1), "row")
     if not isinstance(content, dict):
         _refuse_kind(content, "the document")
     lists: dict[str, list[Any]] = {}
@@ -327,7 +318,7 @@ def _samples(content: Any) -> Samples:
         problem = f"holds two lists of samples, '{excerpt(records[0], 40)}' and '{excerpt(records[1], 40)}'"
         raise UserError(problem, remedy="Give each a file of its own.")
     if records:
-        return Samples(constants, _rows(enumerate(lists[records[0]], 1), "row"))
+        return constants, _rows(enumerate(lists[records[0]], 1), "row")
     if not lists:
         raise UserError("holds no list of samples", remedy=_SHAPE)
     first = next(iter(lists))
@@ -338,7 +329,7 @@ def _samples(content: Any) -> Samples:
                 remedy="Write arrays of one length, or a list of objects, one a sample.",
             )
     across = ({name: values[k] for name, values in lists.items()} for k in range(len(lists[first])))
-    return Samples(constants, _rows(enumerate(across, 1), "row"))
+    return constants, _rows(enumerate(across, 1), "row")
 
 
 def _rows(samples: Iterable[tuple[int, Any]], word: str) -> Iterator[Mapping[str, Any]]:

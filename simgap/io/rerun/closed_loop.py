@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from simgap import reading
 from simgap.arrays import Floats, Ints
 from simgap.geometry import Box
 from simgap.io import figure_style as style
@@ -31,12 +32,12 @@ from simgap.io.rerun.recording import (
     PlanarScene,
     curves,
     finite,
+    laid_out,
     lean,
     log_scene,
     plot,
     recording_file,
     rgb,
-    robot_name,
     root,
     share_of_bound,
     stance,
@@ -108,36 +109,32 @@ def memories(policy: Controller, trace: Trace) -> Ints:
 
 def events(content: Content, controller: str, trace: Trace) -> list[tuple[float, str, str]]:
     """Time, text and level of what a viewer should notice about a run."""
-    title = TITLES[controller]
+    title, policy = TITLES[controller], content.controllers[controller]
     out = [(0.0, f"{title}: run {trace.run} starts", "INFO")]
     if trace.violates:
         first = int(np.flatnonzero(~trace.safe)[0])
         t, x = float(trace.t[first]), trace.x[first]
         where = ", ".join(f"{n} = {v:.4g}" for n, v in zip(content.states, x, strict=True))
         out.append((t, f"{title}: the simulator is unsafe at {where}", "ERROR"))
-    elif (task := content.controllers[controller].progress) is not None:
-        stages = memories(content.controllers[controller], trace) // task.base
-        moved = 1 + np.flatnonzero(np.diff(stages))
-        following = [task.awaits[stage] if task.awaits else "" for stage in stages.tolist()]
-        on = [f"next is {following[k]}" if following[k] else f"to stage {stages[k]}" for k in moved]
-        out += [
-            (float(trace.t[k]), f"{title}: the task moves on, {what}", "INFO")
-            for k, what in zip(moved, on, strict=True)
-        ]
-    elif content.controllers[controller].in_target(trace.x[-1:])[0]:
-        arrived = float(trace.t[content.controllers[controller].in_target(trace.x)][0])
+    elif (task := policy.progress) is not None:
+        stages = memories(policy, trace) // task.base
+        for k in 1 + np.flatnonzero(np.diff(stages)):
+            following = task.awaits[stages[k]] if task.awaits else ""
+            what = f"next is {following}" if following else f"to stage {stages[k]}"
+            out.append((float(trace.t[k]), f"{title}: the task moves on, {what}", "INFO"))
+    elif policy.in_target(trace.x[-1:])[0]:
+        arrived = float(trace.t[policy.in_target(trace.x)][0])
         out.append((arrived, f"{title}: target reached after {arrived:g} s", "INFO"))
     elif cut_short(content.traces, trace) > 0.0:
         out.append((trace.duration, f"{title}: ends without an admissible input", "WARN"))
-    elif content.controllers[controller].solution.target is not None:
+    elif policy.solution.target is not None:
         out.append((trace.duration, f"{title}: ends without reaching the target", "WARN"))
     else:
         out.append((trace.duration, f"{title}: safe at all {len(trace.t)} samples", "INFO"))
     model = twin(content.traces, trace)
-    if model is not None and not model.violates and model.duration < trace.duration:
-        out.append((model.duration, f"{title}, run on the nominal model: ends without an admissible input", "WARN"))
-    elif model is not None and model.violates:
-        out.append((model.duration, f"{title}, run on the nominal model: unsafe", "WARN"))
+    if model is not None and (model.violates or model.duration < trace.duration):
+        what = "unsafe" if model.violates else "ends without an admissible input"
+        out.append((model.duration, f"{title}, run on the nominal model: {what}", "WARN"))
     return sorted(out)
 
 
@@ -194,9 +191,7 @@ def log_phase(recording: Any, content: Content) -> None:
     size = 0.004 * max(image.shape[:2])
     for controller, trace in content.shown.items():
         points = to_pixels(trace.x, gap_aware.grid.box, image.shape[:2])
-        name, colour = f"phase/{controller}", rgb(COLOURS[controller])
-        if controller == GAP_AWARE:
-            colour = rgb("#00436B")
+        name, colour = f"phase/{controller}", rgb("#00436B" if controller == GAP_AWARE else COLOURS[controller])
         recording.log(f"{name}/path", rr.LineStrips2D([points], colors=colour, radii=0.35 * size), static=True)
         look = rr.Points2D.from_fields(colors=colour, radii=1.6 * size)
         recording.log(f"{name}/state", look, static=True)
@@ -234,24 +229,14 @@ def blueprint(content: Content) -> Any:
     if len(content.states) >= 2:
         middle.insert(0, rrb.Spatial2DView(name=_plane(content), origin="/phase", contents="$origin/**"))
     left = [
-        *([_scene(content)] if content.scene is not None else []),
+        *([_scene(content, content.scene)] if content.scene is not None else []),
         rrb.Horizontal(*middle, column_shares=[3.0, 2.0][: len(middle)]),
         rrb.TextLogView(
             name="Events", origin="/shown", contents=[f"/shown/{c}/events" for c in content.shown], columns=_columns()
         ),
     ]
-    return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Vertical(*left, row_shares=[3.0, 3.0, 1.4][-len(left) :]),
-            _curves(content),
-            _gaps(content),
-            column_shares=[9, 6, 6],
-        ),
-        rrb.TimePanel(state="collapsed", timeline=TIMELINE),
-        rrb.SelectionPanel(state="hidden"),
-        rrb.BlueprintPanel(state="hidden"),
-        auto_views=False,
-    )
+    columns = rrb.Vertical(*left, row_shares=[3.0, 3.0, 1.4][-len(left) :]), _curves(content), _gaps(content)
+    return laid_out(rrb.Horizontal(*columns, column_shares=[9, 6, 6]), timeline=TIMELINE)
 
 
 def _plane(content: Content) -> str:
@@ -269,26 +254,25 @@ def _columns() -> Any:
     return rrb.TextLogColumns(text_log_columns=shown)
 
 
-def _scene(content: Content) -> Any:
-    planar = isinstance(content.scene, PlanarScene)
+def _scene(content: Content, scene: JointScene | PlanarScene) -> Any:
+    planar = isinstance(scene, PlanarScene)
     name = "Arena, robots and paths" if planar else "The plant under both controllers; grey: the nominal model"
     bodies = [f"/body_{controller}_{plant}" for controller in content.shown for plant in ("simulator", "model")]
-    urdf = content.scene.urdf if content.scene is not None else None
-    collisions = f"{robot_name(urdf)}/collision_geometries" if urdf is not None else "collision_geometries"
-    bodies = [rule for body in bodies for rule in (f"{body}/**", f"- {body}/{collisions}/**")]
+    robot = "" if scene.urdf is None else f"{reading.read_xml(scene.urdf).get('name', '')}/"
+    bodies = [rule for body in bodies for rule in (f"{body}/**", f"- {body}/{robot}collision_geometries/**")]
     return rrb.Spatial3DView(
-        name=name, origin="/scene", contents=["/scene/**", *bodies], eye_controls=_eye(content), line_grid=False
+        name=name, origin="/scene", contents=["/scene/**", *bodies], eye_controls=_eye(content, scene), line_grid=False
     )
 
 
-def _eye(content: Content) -> Any:
-    if not isinstance(content.scene, JointScene):
-        arena = content.scene.arena if content.scene is not None else Box([0.0, 0.0], [1.0, 1.0])
+def _eye(content: Content, scene: JointScene | PlanarScene) -> Any:
+    if isinstance(scene, PlanarScene):
+        arena = scene.arena
         x, y = 0.5 * (arena.lo + arena.hi)
         high = 0.8 * float(max(arena.hi - arena.lo))
         return rrb.EyeControls3D(position=(x, y - 0.7 * high, high), look_target=(x, y, 0.0), eye_up=(0.0, 0.0, 1.0))
-    along, across, reach = stance(content.scene)
-    target = np.array([0.0, 0.0, 0.45 * lean(content, content.scene) * reach])
+    along, across, reach = stance(scene)
+    target = np.array([0.0, 0.0, 0.45 * lean(content, scene) * reach])
     eye = target + reach * (-1.35 * along + 0.12 * across) + np.array([0.0, 0.0, 0.12 * reach])
     return rrb.EyeControls3D(position=eye, look_target=target, eye_up=(0.0, 0.0, 1.0))
 

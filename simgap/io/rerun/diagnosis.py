@@ -11,7 +11,7 @@ import numpy as np
 from simgap.diagnosis.result import WindowPrediction
 from simgap.io import figure_style as style
 from simgap.io.pages import text
-from simgap.io.rerun.recording import plot, recording_file
+from simgap.io.rerun.recording import laid_out, plot, recording_file
 from simgap.late import rerun as rr
 from simgap.late import rerun_blueprint as rrb
 from simgap.notation import axis_label, printable
@@ -91,10 +91,4 @@ def _blueprint(traces: Sequence[str], measured: Sequence[str], inputs: Sequence[
         tabs.append(rrb.Vertical(*views, row_shares=[*([3.0] * (len(views) - 1)), 1.0], name=printable(trace)))
     curves = rrb.Tabs(*tabs) if len(tabs) > 1 else tabs[0]
     about = rrb.TextDocumentView(name="What this shows", origin="/about")
-    return rrb.Blueprint(
-        rrb.Horizontal(about, curves, column_shares=[1.0, 3.0]),
-        rrb.TimePanel(state="collapsed"),
-        rrb.SelectionPanel(state="hidden"),
-        rrb.BlueprintPanel(state="hidden"),
-        auto_views=False,
-    )
+    return laid_out(rrb.Horizontal(about, curves, column_shares=[1.0, 3.0]))

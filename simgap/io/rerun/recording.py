@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from simgap.io.atomic import write_bytes
 from simgap.io.figure_style import COLOURS
 from simgap.io.traces import EVERY_TITLE, MODEL, SIMULATOR, TITLES, Trace, twin
 from simgap.late import rerun as rr
+from simgap.late import rerun_blueprint as rrb
 from simgap.plants.model_file import numbers
 from simgap.synthesis.controller import Controller
 
@@ -35,6 +37,14 @@ class JointScene:
 
     urdf: Path
     joints: Mapping[str, int]
+
+    @cached_property
+    def links(self) -> tuple[tuple[Any, int, Floats], ...]:
+        """Each joint, the index of its state, and where the far end of its link is: twice the centre of its visual."""
+        tree, document = _tree(self.urdf, "links"), reading.read_xml(self.urdf)
+        joints = [(tree.get_joint_by_name(name), j) for name, j in self.joints.items()]
+        places = [f"./link[@name='{joint.child_link}']/visual/origin" for joint, _ in joints]
+        return tuple((*own, 2.0 * numbers(document, place, "xyz")) for own, place in zip(joints, places, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,6 +146,12 @@ def recording_file(path: Path, application: str, identifier: str, blueprint: Any
     write_bytes(path, content)
 
 
+def laid_out(content: Any, **time: Any) -> Any:
+    """A blueprint of these views alone, with its panels shut; `time`: what more the one of time is given."""
+    hidden = rrb.SelectionPanel(state="hidden"), rrb.BlueprintPanel(state="hidden")
+    return rrb.Blueprint(content, rrb.TimePanel(state="collapsed", **time), *hidden, auto_views=False)
+
+
 WORLD = "tf#/scene"  # the frame of the entity /scene
 APART = 0.6  # between copies of a plant that is fixed to the ground, as a share of its reach
 _COLOURED = {"cylinder": "Cylinders3D", "box": "Boxes3D", "sphere": "Ellipsoids3D", "capsule": "Capsules3D"}
@@ -163,11 +179,6 @@ def log_scene(recording: Any, content: Content) -> None:
         _planar(recording, content, content.scene)
 
 
-def robot_name(urdf: Path) -> str:
-    """Name of the robot in its URDF."""
-    return reading.read_xml(urdf).get("name", "")
-
-
 def _joints(recording: Any, content: Content, scene: JointScene) -> None:
     """A copy for each controller: the simulator solid, the nominal model as a ghost, limits of the safe set in grey."""
     _, across, reach = stance(scene)
@@ -187,47 +198,34 @@ def _joints(recording: Any, content: Content, scene: JointScene) -> None:
 
 def stance(scene: JointScene) -> tuple[Floats, Floats, float]:
     """Unit vectors, (3,) each, along which to look at the plant and side by side, and how far it reaches, m."""
-    tree = _tree(scene.urdf, "stance")
-    joints = [tree.get_joint_by_name(name) for name in scene.joints]
-    axis = np.asarray(joints[0].axis if joints else (0.0, 1.0, 0.0), dtype=float)
+    axis = np.asarray(scene.links[0][0].axis if scene.links else (0.0, 1.0, 0.0), dtype=float)
     along = axis if abs(axis[2]) < 0.9 else np.array([0.0, 1.0, 0.0])
     across = np.cross(along, [0.0, 0.0, 1.0])
-    document = reading.read_xml(scene.urdf)
-    reach = sum(float(np.linalg.norm(_reach(document, j.child_link))) for j in joints)
+    reach = sum(float(np.linalg.norm(far)) for *_, far in scene.links)
     return along / np.linalg.norm(along), across / np.linalg.norm(across), max(reach, 0.1)
 
 
 def lean(content: Content, scene: JointScene) -> float:
     """How far up the plant stands where the runs begin: 1 upright, -1 hanging, for joints about one axis."""
-    tree, document = _tree(scene.urdf, "lean"), reading.read_xml(scene.urdf)
     x = next(iter(content.shown.values())).x[0]
     angle, tip = 0.0, np.zeros(3)
-    for name, j in scene.joints.items():
-        joint = tree.get_joint_by_name(name)
+    for joint, j, far in scene.links:
         angle += 0.0 if joint.joint_type == "prismatic" else float(x[j])
-        tip += _rotated(np.asarray(joint.axis), angle, _reach(document, joint.child_link))
+        tip += _rotated(np.asarray(joint.axis), angle, far)
     return float(tip[2] / max(np.linalg.norm(tip), 1e-9))
 
 
 def _limits(recording: Any, content: Content, scene: JointScene, prefix: str, offset: Floats) -> None:
     """For one joint: the ends of the safe set as thin lines from the joint to the end of the link."""
-    tree = reading.read_xml(scene.urdf)
-    name, j = next(iter(scene.joints.items()))
-    joint = _tree(scene.urdf, "limits").get_joint_by_name(name)
-    if joint is None or joint.joint_type not in ("revolute", "continuous"):
+    ((joint, j, reach),) = scene.links
+    if joint.joint_type not in ("revolute", "continuous"):
         return
-    reach = _reach(tree, joint.child_link)
     for side, value in (("lowest", content.safe.lo[j]), ("highest", content.safe.hi[j])):
         if np.isfinite(value):
             tip = _rotated(np.asarray(joint.axis), float(value), reach) + np.asarray(joint.origin_xyz)
             strip = [np.add(joint.origin_xyz, offset), np.add(tip, offset)]
             look = rr.LineStrips3D([strip], colors=rgb(style.GREEN), radii=0.004 * float(np.linalg.norm(reach)))
             recording.log(f"{prefix}/{side}", look, static=True)
-
-
-def _reach(tree: Any, link: str) -> Floats:
-    """Twice the centre of the link's visual, in the link's frame: where its far end is."""
-    return 2.0 * numbers(tree, f"./link[@name='{link}']/visual/origin", "xyz")
 
 
 def _rotated(axis: Floats, angle: float, v: Floats) -> Floats:

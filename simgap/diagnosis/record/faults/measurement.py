@@ -5,7 +5,6 @@ They are fitted like effects, but they are none: they change nothing in the plan
 
 from __future__ import annotations
 
-import itertools
 from abc import abstractmethod
 from dataclasses import replace
 from typing import ClassVar, Literal
@@ -162,9 +161,9 @@ class FilteredReading(_Filtered):
         """Exact between samples for a steady change; it begins as it would trail the parabola of the first samples."""
         if value > 0.0:
             begin = reading[rows[:-1]].copy()
-            for w, (a, b) in enumerate(itertools.pairwise(rows)):
-                if b - a > 2:
-                    begin[w] = _trailing(reading[a : a + 3], t[a : a + 3] - t[a], value)
+            for w in np.flatnonzero(np.diff(rows) > 2):
+                first = slice(rows[w], rows[w] + 3)
+                begin[w] = _trailing(reading[first], t[first] - t[rows[w]], value)
             _filter(reading, value, t, begin, rows)
 
 

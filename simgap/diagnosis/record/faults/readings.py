@@ -75,7 +75,7 @@ class _LostReadings(SeenFault):
     def mend(self, record: Record, model: SymbolicModel) -> Mended:
         """The record with such readings bridged."""
         quantum, faults = resolution(record), []
-        lost = [~trace.compared.astype(bool) for trace in record.traces]
+        lost = [trace.compared == 0.0 for trace in record.traces]
         for k, name in enumerate(record.measured):
             found = [m & ~own[:, k] for m, own in zip(self.lost(record, k, float(quantum[k])), lost, strict=True)]
             share = sum(int(m.sum()) for m in found) / record.rows
@@ -135,16 +135,12 @@ def _meets(y: Floats, a: int, b: int, quantum: float) -> bool:
     Of the last `_COUNTS` counts of the way, half are gone in half of the time at a constant speed, a quarter in the
     last half of it where a constant force stops the motion.
     """
-    return any(_last_half(side, quantum) > _STOPS for side in (y[a::-1], y[b - 1 :]))
-
-
-def _last_half(way: Floats, quantum: float) -> float:
-    """Share of the first `_COUNTS` counts along a way (from its end) that is gone in half of their time; 0 without."""
-    gone = np.abs(way - way[0])
-    far = np.flatnonzero(gone >= _COUNTS * quantum)
-    if not far.size or far[0] < 2:
-        return float(far.size > 0)
-    return float(gone[far[0] // 2] / gone[far[0]])
+    for way in (y[a::-1], y[b - 1 :]):  # from the extreme on
+        gone = np.abs(way - way[0])
+        far = np.flatnonzero(gone >= _COUNTS * quantum)
+        if far.size and (far[0] < 2 or gone[far[0] // 2] / gone[far[0]] > _STOPS):
+            return True
+    return False
 
 
 def _cut_off(y: Floats, a: int, b: int, usual: float) -> bool:
@@ -299,7 +295,7 @@ def _stale(trace: Trace, k: int, sigma: float, quantum: float) -> Bools:
     neighbours by more than steps, and whose end catches up. What turns round or breaks away has runs that miss too.
     """
     y, t = trace.y[:, k], trace.t
-    repeats = _repeated(y)
+    repeats = np.concatenate([[False], np.diff(y) == 0.0])
     if not repeats.any() or repeats.all():
         return np.zeros(len(y), dtype=bool)
     fresh = np.flatnonzero(~repeats)
@@ -315,11 +311,6 @@ def _stale(trace: Trace, k: int, sigma: float, quantum: float) -> Bools:
         return np.asarray(repeats & short & (miss > least) & (_catching_up(t, y, begins)[place] > least))
     visible = np.mean(miss[repeats] > sigma)
     return repeats if visible > 0.2 else np.zeros(len(y), dtype=bool)
-
-
-def _repeated(y: Floats) -> Bools:
-    """Readings (n,) that equal the one before."""
-    return np.concatenate([[False], np.diff(y) == 0.0])
 
 
 def _scatter(t: Floats, y: Floats) -> float:
@@ -388,10 +379,8 @@ def _guessed(u: Floats, apart: int) -> float:
     return worst
 
 
-def bridged(trace: Trace, lost: Bools | None = None) -> Trace:
-    """The trace with lines across what is lost, (n, k), or across what it does not use."""
-    if lost is None:
-        lost = np.zeros(trace.y.shape, dtype=bool) if trace.used is None else ~trace.used
+def bridged(trace: Trace, lost: Bools) -> Trace:
+    """The trace with lines across what is lost, (n, k)."""
     if not lost.any():
         return trace
     y = trace.y.copy()

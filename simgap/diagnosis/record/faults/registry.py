@@ -95,7 +95,7 @@ FAULTS: dict[str, Fault] = {
 def mended(record: Record, model: SymbolicModel, faults: Iterable[SeenFault] = SEEN) -> Mended:
     """The record without what a look at it shows to be no measurement, and what was found."""
     found: tuple[RecordingFault, ...] = ()
-    record = replace(record, traces=tuple(bridged(trace) for trace in record.traces))
+    record = replace(record, traces=tuple(bridged(trace, trace.compared == 0.0) for trace in record.traces))
     for fault in faults:
         record, more = fault.mend(record, model)
         found += more
