@@ -81,6 +81,18 @@ def test_a_budget_in_which_nothing_is_compared_is_refused():
         diagnose(block(), _record(), DiagnosisSettings(budget_s=1e-3))
 
 
+def test_a_search_that_breaks_is_no_answer_though_one_was_saved_on_the_way():
+    def breaks(tell):
+        watch = Watch(60.0, tell)
+        seek.looked_again(watch, lambda: watch.save(anyhow=True))  # the copy answers, the search goes on
+        if watch.stopped:
+            return "none: nothing is missing"
+        raise ZeroDivisionError
+
+    with pytest.raises(RuntimeError, match="ZeroDivisionError"):
+        watching.answered(60.0, breaks, lambda words: None)
+
+
 def test_progress_names_the_step_and_the_best_answer_so_far():
     said: list[str] = []
     d = diagnose(block(), _record(), DiagnosisSettings(effects=EFFECTS), said.append)

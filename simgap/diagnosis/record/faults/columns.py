@@ -120,8 +120,8 @@ class SwappedColumns(SeenFault):
 class WrongSign(Fault):
     """A column has the other sign.
 
-    Detected: as `wrong_unit`, of a reading; of an input its gain is negative, and stays named: a reversed wire and a
-    reversed column look alike.
+    Detected: as `wrong_unit`; of an input only where a search with it reversed predicts better, else its gain is
+    negative, and stays named: a reversed wire and a reversed column look alike.
     """
 
     name = "wrong_sign"
