@@ -38,21 +38,22 @@ class Stretch:
 def still_stretches(record: Record, sigma: Floats) -> tuple[Stretch, ...]:
     """Three blocks or more in which every channel stays within its noise, (k,), that of rounding included.
 
-    A channel whose noise would hide most of its motion tells nothing.
+    So do the means of the blocks, of which less is noise: a slow motion is one.
     """
     limit = 2.0 * FAR * sigma
-    span = np.ptp(np.concatenate([trace.y for trace in record.traces]), axis=0)
-    telling = np.flatnonzero(limit < MOST * span)
-    limit, found = limit[telling], list[Stretch]()
-    for trace in record.traces if telling.size else ():
-        y = trace.y[:, telling]
-        blocks = np.searchsorted(trace.t, np.arange(trace.t[0], trace.t[-1], BRIEF_S))
-        edges = np.unique(np.append(blocks, len(trace.t))).tolist()
-        still = np.array([bool(np.all(np.ptp(y[a:b], axis=0) <= limit)) for a, b in pairwise(edges)])
-        for a, b in runs(still):
-            together = np.ptp(y[edges[a] : edges[b]], axis=0) <= 2 * limit
+    found: list[Stretch] = []
+    for trace in record.traces:
+        starts = np.searchsorted(trace.t, np.arange(trace.t[0], trace.t[-1], BRIEF_S))
+        edges = np.unique(np.append(starts, len(trace.t)))
+        blocks = [trace.y[a:b] for a, b in pairwise(edges.tolist())]
+        means = np.stack([block.mean(axis=0) for block in blocks])
+        near = limit / np.sqrt(np.median(np.diff(edges)))
+        quiet = np.stack([np.ptp(block, axis=0) for block in blocks]) <= limit
+        steady = np.abs(np.diff(means, axis=0, append=means[-1:])) <= near
+        for a, b in runs(np.all(quiet & steady, axis=1)):
             stretch = Stretch(trace.name, float(trace.t[edges[a]]), float(trace.t[edges[b] - 1]))
-            if together.all() and stretch.seconds >= (SEVERAL - 1) * BRIEF_S:
+            together = np.all(np.ptp(means[a:b], axis=0) <= 2 * near)
+            if together and stretch.seconds >= (SEVERAL - 1) * BRIEF_S:
                 found.append(stretch)
     return tuple(found)
 
