@@ -73,7 +73,9 @@ def test_a_set_that_fits_as_well_or_clearly_better_than_the_answer_is_called_so(
         member = SimpleNamespace(effect=effect, on="hinge", key=(name, "hinge"), of_recording=False)
         return SimpleNamespace(members=(member,), bic=bic, keys={(name, "hinge")})
 
-    answer, near = fitted("drag", 100.0), Rival(fitted("a spring", 95.0), False, True)
+    answer, near = fitted("drag", 100.0), Rival(fitted("a spring", 95.0), False)
+    (said,) = contested([Rival(fitted("a spring", 103.0), False, True)], answer)
+    assert "a spring at the hinge, fits nearly as well (BIC +3.0)" in said
     assert contested([Rival(fitted("a spring", 103.0), False)], answer) == ()
     (said,) = contested([near], answer)
     assert "a spring at the hinge, fits as well (BIC -5.0)" in said

@@ -299,7 +299,7 @@ def contested(others: Sequence[Rival], found: Explanation) -> tuple[str, ...]:
         )
     close = [
         r.explanation for r in others
-        if r.level and not r.exact
+        if (r.level or r.explanation.bic <= found.bic + AS_GOOD) and not r.exact
         and not any(c.of_recording for c in r.explanation.members if c.key not in found.keys)
     ]  # fmt: skip
     if not close:
