@@ -37,7 +37,7 @@ def last_within(
 
     Raises:
         Exception: what the search raises before it finds anything but refusals; a stoppable one, whenever that is.
-        UserError: somebody else ends it before that.
+        UserError: somebody else, such as the system for want of memory, ends it before that.
     """
     here, there = get_context("fork").Pipe(duplex=False)
     process = get_context("fork").Process(target=_report, args=(seconds, search, there, os.getpid()), daemon=True)
@@ -57,7 +57,7 @@ def last_within(
             else:
                 last = value
         process.join()
-        if last is None and process.exitcode not in (0, -signal.SIGPROF):
+        if (stoppable or last is None) and process.exitcode not in (0, -signal.SIGPROF):
             remedy = "Check that its memory suffices (the system ends what takes too much), then run it again."
             raise UserError(f"the search was ended from outside (signal {-(process.exitcode or 0)})", remedy=remedy)
         return last

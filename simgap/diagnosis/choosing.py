@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial, reduce
+from functools import cache, cached_property, partial, reduce
 
 from simgap.arrays import Floats
 from simgap.diagnosis.result import DiagnosisSettings, Key
@@ -18,7 +18,6 @@ from simgap.diagnosis.seek import Searched, looked_again
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.thresholds import FIT_QUALITY
-from simgap.diagnosis.verdict.score import gained
 from simgap.diagnosis.verdict.sets import Carried, Trial, density, real, transferable, trials
 
 
@@ -50,13 +49,12 @@ class Chosen:
     agree: bool
     barred: Mapping[Key, str]
 
-    def predicts_better_than(self, other: Chosen) -> bool:
-        """Whether its set surely predicts better than another's, or than the model as declared where that has none."""
-        return gained(other.predicted, self.predicted).sure
-
     @cached_property
     def predicted(self) -> Floats:
-        """Log density (b,) of its errors ahead in each block, fitted to others."""
+        """Log density (b,) of its errors ahead in each block, fitted to others.
+
+        Of the model as declared where no set carries over.
+        """
         if self.carried is not None:
             return self.carried.predicted
         put = self.kept if self.at_floor else self.full.empty(self.base)
@@ -81,7 +79,7 @@ def chosen(
     kept = found if full is search else fitted_here(full, base, found)
     at_floor = chi2_dof(known, kept.fit) <= FIT_QUALITY
     together = math.ceil((settings.horizon_s + 0.5 * judged.window_s) / judged.window_s)
-    held = partial(trials, known, judged.known.windows, together)
+    held = cache(partial(trials, known, judged.known.windows, together))
     agree, carried = True, None
     if found.members and not at_floor:
         most = min(settings.max_effects, settings.most_off_floor)

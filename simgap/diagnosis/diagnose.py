@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -27,6 +27,7 @@ from simgap.diagnosis.simulation.parts import Parts, parts_of
 from simgap.diagnosis.thresholds import FIT_QUALITY, MATTERS
 from simgap.diagnosis.tiers import Tiers
 from simgap.diagnosis.verdict.faults import filtered_channels
+from simgap.diagnosis.verdict.score import gained
 from simgap.diagnosis.verdict.sets import plausible
 from simgap.effects import MemoryInputEffect
 from simgap.errors import UserError
@@ -81,16 +82,24 @@ def _diagnosed(
     own, *others = ready(model, record, settings)
     sought = _sought(model, own, settings, watch)
     seek.looked_again(watch, partial(watch.save, anyhow=True))
-    if others and not sought.settled:
-        under = seek.looked_again(watch, lambda: tuple(_sought(model, other, settings, watch) for other in others))
-        sought = replace(sought, others=(*sought.others, *(under or ())))
-    sought = sought.likeliest()
-    if not sought.coloured:
-        search, _, best = sought.ends
-        apart = sides_apart(sought.ready.record, settings, search, best, _part_by(model, watch.tell))
-        if apart is not None:
-            return replace(apart, recording=(*sought.ready.faults, *apart.recording)), sought.ready.record
-    return _concluded(model, sought), sought.ready.record
+    apart = _apart(model, sought)
+    if apart is None and (others or sought.others) and not sought.settled:
+        watch.over = True  # what was saved stands until a hypothesis is found better
+        under = seek.looked_again(watch, lambda: [_sought(model, other, settings, watch) for other in others]) or []
+        every = (*sought.others, *(h for each in under for h in (each, *each.others)))
+        best = seek.looked_again(watch, lambda: sought.likeliest(every))
+        if best is not None and not watch.stopped:
+            sought, apart = best, None if best.ready is sought.ready else _apart(model, best)
+    return (_concluded(model, sought) if apart is None else apart), sought.ready.record
+
+
+def _apart(model: SymbolicModel, sought: _Sought) -> Diagnosis | None:
+    """The answer for one side of a change in mid-record."""
+    search, _, best = sought.ends
+    if sought.coloured:
+        return None
+    apart = sides_apart(sought.ready.record, sought.settings, search, best, _part_by(model, search.watch.tell))
+    return None if apart is None else replace(apart, recording=(*sought.ready.faults, *apart.recording))
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,12 +108,14 @@ class Ready:
 
     Attributes:
         record: without what is no measurement; parts: its folds; said: what is to be said of it; faults: seen in it.
+        factors: (k,) from the readings that were logged to these.
     """
 
     record: Record
     parts: Parts
     said: tuple[str, ...]
     faults: tuple[RecordingFault, ...]
+    factors: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,19 +157,27 @@ class _Sought:
         self.ends[0].watch.over = True
         return chosen(self.parts, self.ends, self.settings, self.not_tried, self.judged or self.parts)
 
-    def likeliest(self) -> _Sought:
-        """Of the hypotheses that none surely predicts better than, a plausible one of fewest parameters.
+    @cached_property
+    def score(self) -> Floats:
+        """Log density (b,) of errors ahead, in each block that they were not fitted to, in the units that were logged.
 
-        Any but this one counts for one more. This one, where it is down to the noise and plausible.
+        Empty where there are no blocks to compare, or a channel was left out.
         """
-        if not self.others or self.settled or self.ends[0].watch.stopped:
-            return self
-        every = [self, *(replace(other, judged=self.parts) for other in self.others)]
-        means = [float(np.mean(each.choice.predicted)) for each in every]
-        best = every[int(np.argmax(means))].choice
-        level = [k for k, e in enumerate(every) if e.choice is best or not best.predicts_better_than(e.choice)]
-        puts = [each.choice.kept for each in every]
-        return every[min(level, key=lambda k: (not plausible(puts[k]), puts[k].count + (k > 0), -means[k]))]
+        held = self.choice.held()
+        if not held or np.any(self.parts.known.heard == 0.0):
+            return np.zeros(0)
+        size = np.mean([np.log(judged.sigma / np.abs(self.ready.factors)) for _, judged in held])
+        return self.choice.predicted - float(size)
+
+    def likeliest(self, others: Sequence[_Sought]) -> _Sought:
+        """This hypothesis, or one that surely predicts better; instead of one beyond belief a plausible one as good."""
+        best = self
+        for other in (replace(each, judged=self.parts) for each in others):
+            gain = gained(best.score, other.score)
+            instead = plausible(other.choice.kept) and not plausible(best.choice.kept)
+            if gain.sure or (instead and math.isfinite(gain.half) and gain.nats > -gain.half):
+                best = other
+        return best
 
 
 def _concluded(model: SymbolicModel, sought: _Sought) -> Diagnosis:
@@ -223,12 +242,12 @@ def ready(model: SymbolicModel, record: Record, settings: DiagnosisSettings) -> 
     """The record without what a look at it shows to be no measurement; another one where its columns may be others."""
     record, seen = mended(record, model)
     parts, said = parts_of(model, record, settings)
-    own = Ready(record, parts, said, seen)
+    own = Ready(record, parts, said, seen, np.ones(len(record.measured)))
     columns = better_columns(coarse(parts.known), settings.within)
     if columns is None:
         return [own]
     record = columns.of_record(record)
-    other = Ready(record, *parts_of(model, record, settings), (*seen, columns.finding))
+    other = Ready(record, *parts_of(model, record, settings), (*seen, columns.finding), columns.y)
     return [other] if columns.sure else [own, other]
 
 

@@ -140,7 +140,6 @@ def under_its_law(
     error. The search that it begins with is as it was.
     """
     search, start, found, problem = plain, base, plain.empty(base), plain.problem
-    starts = plain.starts.where(lambda c: c.effect.contains is None)  # what refines an effect leaves no smaller misses
     spans: tuple[Span, ...] = ()
     last = least = np.full(len(problem.sigma), np.inf)
     smaller = True
@@ -156,7 +155,7 @@ def under_its_law(
         last, problem = usual, coarse(parts.with_gross_errors(usual, spans).known)
         start = fit(problem, base.theta, base.begin(problem), [], {})
         scale = float(np.mean(problem.spread**2)) * independent_share(problem, start)
-        search = Search(problem, starts, scale, watch=search.watch)
+        search = Search(problem, plain.starts, scale, watch=search.watch)
         if not smaller:  # a set that was grown step by step may hold the misses up; three far from the noise cost much
             looked_again(search.watch, partial(leap, search, start, min(most, _PAIRS)))
         found = _grown_from(search, start, found, min(most, LEAPS_ANYHOW))
@@ -185,7 +184,7 @@ def _grown_from(search: Search, base: Fit, found: Explanation, most: int) -> Exp
 
     def look() -> Explanation:
         known = search.explain(found.members, found.fit.theta, found.fit) if found.members else search.empty(base)
-        return preferred(search, grow(search, known, most), most)
+        return preferred(search, grow(search, known, most, finer=False), most)
 
     return looked_again(search.watch, look) or best_so_far(search, base, most)
 

@@ -14,8 +14,9 @@ from statistics import NormalDist
 
 BIC_GAIN = 12.0
 """An effect is added, or kept, only if BIC falls by at least this much; of sets within it the one with fewest
-parameters is chosen and the others are listed, as they can hardly be told from it. Very strong evidence begins at 10
-(Kass, Raftery (1995), J. Am. Stat. Assoc. 90(430))."""
+parameters is chosen and the others are listed, as they can hardly be told from it. Without its best window an answer at
+the noise is better by as much than others there. Very strong evidence begins at 10 (Kass, Raftery (1995), J. Am. Stat.
+Assoc. 90(430))."""
 
 AS_GOOD = 2.0
 """Sets within this BIC of the chosen one are listed whatever else speaks against them (same source: "not worth more
@@ -49,7 +50,8 @@ FAR = 5.0
 rest from the middle of its range; of the sum of squares of a window. No miss so many usual ones large: nothing stands
 out. And so many times `BIC_GAIN` promised beside a set within the noise is asked for: of three effects two came within
 it where the third promised 120 to 600 (benchmarks/undeclared.py, "three effects", seeds 1010, 1013, 1006), and a gain
-off by 0.05 %, as a test's rig takes Euler's steps, promised 26."""
+off by 0.05 %, as a test's rig takes Euler's steps, promised 26. Other columns under which the declared model misses by
+so many times less are a hypothesis of the record."""
 
 NEAR = 3.0
 """What leaves no more than so many times what a known set does comes near it, and no other fit in its place is ended.
@@ -71,7 +73,8 @@ MOST = 0.5
 """Most of a thing is more than half: of what the best answer leaves above the noise, where another tier of effects, a
 change in mid-record or a mask is to explain it; of an error in one place; of a coefficient, where folds are to agree;
 of what an effect is worth, where another is to stand for it; of a noise, where it is to remember; of a column, where
-another is its derivative or takes its place. Two things are alike up to this ratio: units that are taken for each
+another is its derivative or takes its place; of readings at one extreme, which is then no limit of a sensor; of samples
+outside the ranges of a case. Two things are alike up to this ratio: units that are taken for each
 other differ by more, and motion on both sides of a change in mid-record has to be. Friction with memory takes nearly
 all where it is, a wrong first window makes chi^2/dof fall twentyfold, sensors that remember show .78 and more,
 mechanisms that were taken for them .26 to .46. Of swapped records on seven plants (benchmarks/recording_faults.py)

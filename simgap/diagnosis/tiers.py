@@ -20,6 +20,7 @@ from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.noise_colour import memory_left
+from simgap.diagnosis.search.scoring import Starts
 from simgap.diagnosis.search.selection import explained_by_one_more, grow, preferred, taken_over
 from simgap.diagnosis.seek import Searched, begun, ended, looked_again
 from simgap.diagnosis.simulation.parts import Parts
@@ -160,7 +161,7 @@ class Tiers:
             if not asked and (not search.reached(best) or memory_left(search.problem, best.fit)):
                 return None
             parts, search, base = self._begun(first, True)
-            search.starts = search.starts.where(lambda c: not c.effect.last)  # one is enough
+            search.starts = Starts(tuple((c, s) for c, s in search.starts.items if not c.effect.last))  # one is enough
             best, most = taken_over(search, base, best), self.settings.max_effects
             grow(search, best, most)
             best = preferred(search, best, most)

@@ -248,7 +248,11 @@ def _question(
     record, names = under_conditions(reading, model, section.conditions)
     conditions = tuple(dict.fromkeys(tuple(t.u[0, len(model.inputs) :].tolist()) for t in record.traces))
     settings = settings_of(context.case, section, reading)
-    record = ready(conditioned(model, names), record, replace(settings, effects=library_names(sets)))[0].record
+    told = {
+        (f["fault"], f["channel"]) for f in document["recording"]
+    }  # columns that were found to be others among them
+    read = ready(conditioned(model, names), record, replace(settings, effects=library_names(sets)))
+    record = max(read, key=lambda each: sum((f.fault, f.channel) in told for f in each.faults)).record
     allowed, middle, reach = _limits(context, record)
     return Question(
         conditioned(model, names), record, settings, dict(document["noise"]), sets,

@@ -87,8 +87,8 @@ def test_a_gain_beyond_belief_is_told_as_a_unit_and_nothing_is_named_in_its_plac
         assert gain.parameters["ratio"].value == pytest.approx(1.0 / counts, rel=0.05)
 
 
-@pytest.mark.parametrize("factor", [180.0 / np.pi, 1.0])
-def test_a_unit_that_the_declared_model_alone_shows_faintly_is_told_by_what_predicts(factor):
+@pytest.mark.parametrize(("factor", "noise"), [(180.0 / np.pi, {}), (180.0 / np.pi, {"angle": 2e-3}), (1.0, {})])
+def test_a_unit_that_the_declared_model_alone_shows_faintly_is_told_by_what_predicts(factor, noise):
     """A pendulum let go, read in degrees, heavier to turn than declared: friction bends the wrong unit near it."""
     rng, t = np.random.default_rng(7951), np.arange(0.0, 24.0, 0.02)
     swing = solve_ivp(
@@ -97,7 +97,7 @@ def test_a_unit_that_the_declared_model_alone_shows_faintly_is_told_by_what_pred
     ).y[0]  # fmt: skip
     y = factor * (swing + rng.normal(0.0, 2e-3, len(t)))
     record = Record((Trace("swing", t, y[:, None], np.zeros((len(t), 1))),), ("angle",), ("torque",))
-    d = diagnose(point_pendulum(0.3, 0.5, 0.075), record, DiagnosisSettings(window_s=1.0, horizon_s=0.5))
+    d = diagnose(point_pendulum(0.3, 0.5, 0.075), record, DiagnosisSettings(window_s=1.0, horizon_s=0.5, noise=noise))
     told = [(f.fault, f.channel) for f in d.recording]
     assert told == ([("wrong_unit", "angle")] if factor > 1.0 else [])
     assert d.verdict in ("attributed", "partial")

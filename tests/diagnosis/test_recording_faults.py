@@ -10,6 +10,7 @@ from scipy.signal import lfilter
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.record.faults.columns import SwappedColumns
 from simgap.diagnosis.record.faults.hum import Hum
+from simgap.diagnosis.record.faults.readings import SaturatedReading
 from simgap.diagnosis.record.faults.registry import READINGS, mended
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
@@ -271,3 +272,13 @@ def test_a_unit_that_leads_readings_out_of_where_the_plant_works_is_not_tried():
     assert not far.leads_out(problem, {})
     assert not far.leads_out(problem, {"y": (0.005, 0.02)})  # it lies outside as it is
     assert not near.leads_out(problem, {"y": (-0.02, 0.02)})
+
+
+@pytest.mark.parametrize(("share", "found"), [(0.65, ["saturated_reading"]), (0.8, ["saturated_reading"]), (-0.5, [])])
+def test_an_extreme_at_which_a_reading_stands_most_of_the_time_is_no_limit(share, found):
+    """A sine cut off at both ends is at each of them for less than half of the time; at one, below its middle, more."""
+    t = np.arange(2000) / 100.0
+    y = np.sin(2.0 * t) + 1e-3 * np.random.default_rng(7995).standard_normal(len(t))
+    y = np.clip(y, -abs(share), share) if share > 0.0 else np.minimum(y, share)
+    record = Record((Trace("a", t, y[:, None], np.zeros((len(t), 1))),), ("q",), ("force",))
+    assert [f.fault for f in mended(record, rigs.oscillator().model, [SaturatedReading()])[1]] == found

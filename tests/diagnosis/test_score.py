@@ -10,10 +10,11 @@ import pytest
 from scipy.stats import t as student
 
 from simgap.diagnosis import choosing
+from simgap.diagnosis import diagnose as diagnosing
 from simgap.diagnosis.choosing import Chosen
 from simgap.diagnosis.conclude import is_borne_out
 from simgap.diagnosis.verdict.score import Errors, gained
-from simgap.diagnosis.verdict.sets import Carried, density_of_choice, preferred_of
+from simgap.diagnosis.verdict.sets import density_of_choice, preferred_of
 
 
 def _errors(rng: np.random.Generator, scale: float, pushes: np.ndarray, blocks: int = 40, each: int = 25) -> Errors:
@@ -90,30 +91,72 @@ def test_of_a_single_block_nothing_is_sure():
     assert not gained(alone, alone + 9.0).sure
 
 
+@pytest.fixture
+def hypothesis(monkeypatch):
+    """Makes a hypothesis of a record from what its choice predicts, which is given."""
+    monkeypatch.setattr(diagnosing._Sought, "choice", property(lambda own: own.settings))
+
+    def made(predicted, *, sigma=1.0, factor=1.0, heard=1.0, ratio=1.0):
+        gain = SimpleNamespace(parameters=[SimpleNamespace(symbol="ratio", null=1.0)])
+        member = SimpleNamespace(effect=gain, slots=[0])
+        put = SimpleNamespace(members=[member], fit=SimpleNamespace(theta=np.array([ratio])))
+        held = [(None, SimpleNamespace(sigma=np.array([sigma])))]
+        choice = SimpleNamespace(predicted=np.asarray(predicted), kept=put, held=lambda: held)
+        ready = SimpleNamespace(factors=np.array([factor]))
+        parts = SimpleNamespace(known=SimpleNamespace(heard=np.array([heard])))
+        return diagnosing._Sought(ready, choice, parts, None, (), {}, False)
+
+    return made
+
+
+def _is_taken(first, other) -> bool:
+    """Whether the second hypothesis is taken in the place of the first."""
+    return first.likeliest([other]) is not first
+
+
 @pytest.mark.parametrize(("more", "apart", "above"), [(0.3, 0.1, True), (0.3, 2.0, False), (0.05, 0.01, False)])
-def test_two_searches_are_told_apart_on_the_same_blocks(more, apart, above):
+def test_two_hypotheses_are_told_apart_on_the_same_blocks(hypothesis, more, apart, above):
     """What varies from block to block, and is the same for both, makes neither unsure."""
     rng = np.random.default_rng(91508)
-    declared, common = np.zeros(40), 3.0 * rng.standard_normal(40)
-    one, other = (
-        Carried(None, None, (), True, declared, common + x) for x in (0.0, more + apart * rng.standard_normal(40))
-    )
-    put, robust = (Chosen(*[None] * 6, c, list, 0.2, at_floor=False, agree=True, barred={}) for c in (one, other))
-    assert robust.predicts_better_than(put) is above
-    assert not put.predicts_better_than(robust)
+    common = 3.0 * rng.standard_normal(40)
+    own, other = hypothesis(common), hypothesis(common + more + apart * rng.standard_normal(40))
+    assert _is_taken(own, other) is above
+    assert not _is_taken(other, own)
 
 
-def test_a_search_that_reaches_the_noise_is_compared_with_one_that_found_nothing(monkeypatch):
-    """Sets compete off the noise alone: at it the answer itself is fitted to other blocks than it predicts."""
+def test_hypotheses_are_scored_in_the_units_that_were_logged(hypothesis):
+    """Degrees read as radians at a noise that is given: both miss by as much, in units of it by 57 times as much."""
     rng = np.random.default_rng(7993)
-    predicts = {"declared": rng.normal(0.0, 0.3, 30), "friction": rng.normal(2.0, 0.3, 30)}
-    monkeypatch.setattr(choosing, "density", lambda put, *other: predicts[put])
+    missed, turn = np.log(rng.uniform(1.0, 3.0, 30)), 180.0 / np.pi  # logarithms of sizes, in degrees
+    radians = hypothesis(-(missed - np.log(2e-3)), sigma=2e-3)
+    degrees = hypothesis(-(missed - np.log(turn * 2e-3)), sigma=2e-3, factor=1.0 / turn)
+    assert not _is_taken(radians, degrees)
+    assert not _is_taken(degrees, radians)
+
+
+def test_other_blocks_and_channels_are_not_compared(hypothesis):
+    own = hypothesis(np.zeros(20))
+    assert _is_taken(own, hypothesis(np.ones(20)))
+    assert not _is_taken(own, hypothesis(np.ones(19)))
+    assert not _is_taken(own, hypothesis(np.ones(20), heard=0.0))
+
+
+def test_a_ratio_beyond_belief_gives_way_to_what_predicts_as_well(hypothesis):
+    rng = np.random.default_rng(7994)
+    own, near, worse = (shift + 0.1 * rng.standard_normal(20) for shift in (0.0, 0.0, -1.0))
+    assert _is_taken(hypothesis(own, ratio=40.0), hypothesis(near))
+    assert not _is_taken(hypothesis(own, ratio=2.0), hypothesis(near))
+    assert not _is_taken(hypothesis(own, ratio=40.0), hypothesis(worse))
+
+
+def test_what_reaches_the_noise_is_scored_as_it_predicts_what_it_was_not_fitted_to(monkeypatch):
+    """Sets compete off the noise alone: at it the answer itself is fitted to other blocks than it predicts."""
+    monkeypatch.setattr(choosing, "density", lambda put, *other: put)
     full = SimpleNamespace(empty=lambda base: "declared", steps={})
-    nothing, robust = (
-        Chosen(None, None, None, "friction", full, None, None, list, 0.2, floor, True, {}) for floor in (False, True)
+    found, nothing = (
+        Chosen(None, None, None, "friction", full, None, None, list, 0.2, floor, True, {}) for floor in (True, False)
     )
-    assert robust.predicts_better_than(nothing)
-    assert not nothing.predicts_better_than(robust)
+    assert (found.predicted, nothing.predicted) == ("friction", "declared")
 
 
 @pytest.mark.parametrize(

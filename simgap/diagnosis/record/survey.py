@@ -47,12 +47,13 @@ def still_stretches(record: Record, sigma: Floats) -> tuple[Stretch, ...]:
         edges = np.unique(np.append(starts, len(trace.t)))
         blocks = [trace.y[a:b] for a, b in pairwise(edges.tolist())]
         means = np.stack([block.mean(axis=0) for block in blocks])
-        near = limit / np.sqrt(np.median(np.diff(edges)))
+        rows = np.diff(edges)
+        near = limit / np.sqrt(np.minimum(rows, np.append(rows[1:], rows[-1])))[:, None]
         quiet = np.stack([np.ptp(block, axis=0) for block in blocks]) <= limit
         steady = np.abs(np.diff(means, axis=0, append=means[-1:])) <= near
         for a, b in runs(np.all(quiet & steady, axis=1)):
             stretch = Stretch(trace.name, float(trace.t[edges[a]]), float(trace.t[edges[b] - 1]))
-            together = np.all(np.ptp(means[a:b], axis=0) <= 2 * near)
+            together = np.all(np.ptp(means[a:b], axis=0) <= 2 * near[a:b].max(axis=0))
             if together and stretch.seconds >= (SEVERAL - 1) * BRIEF_S:
                 found.append(stretch)
     return tuple(found)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -46,10 +46,6 @@ class Starts:
 
     items: tuple[tuple[Candidate, Start], ...]
     amplitudes: dict[int, float] = field(default_factory=dict)
-
-    def where(self, kept: Callable[[Candidate], bool]) -> Starts:
-        """The starts of some of the candidates."""
-        return replace(self, items=tuple((c, s) for c, s in self.items if kept(c)))
 
 
 def list_starts(problem: Problem, barred: Collection[Key] = ()) -> Starts:

@@ -119,11 +119,12 @@ def _best(search: Search, most: int) -> Explanation | None:
     return choose(e for e in search.sound() if len(e.members) <= most)
 
 
-def grow(search: Search, current: Explanation, most: int) -> Explanation:
-    """Add, drop and swap effects from here on while that pays; what contains one of them is tried in its place."""
+def grow(search: Search, current: Explanation, most: int, finer: bool = True) -> Explanation:
+    """Add, drop and swap effects from here on while that pays; what contains one of them is tried in its place, if
+    `finer`."""
     while current.members or most:
         more = search.joined(current) if len(current.members) < most else []
-        option = choose([*more, *search.refined(current)])
+        option = choose([*more, *(search.refined(current) if finer else [])])
         if option is None or current.bic - option.bic < BIC_GAIN:
             break
         current = _prune(search, _swap(search, _prune(search, option)))

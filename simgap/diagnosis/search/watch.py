@@ -23,6 +23,7 @@ def answered(budget_s: float | None, search: Callable[[Tell], Found], tell: Tell
 
     Raises:
         UserError: a budget in which there was none.
+        RuntimeError: a search that broke, whatever it had answered.
     """
     if budget_s is None:
         return search(tell)

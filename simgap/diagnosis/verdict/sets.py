@@ -105,15 +105,18 @@ def as_good(search: Search, chosen: Explanation) -> list[Rival]:
     floor, whatever is missing, and did not carry over.
     """
     small = [e for e in search.sound() if e.keys != chosen.keys and e.count <= chosen.count]
-    own, *others = (window_chi2(search.problem, e.fit.theta, e.fit.x0) for e in (chosen, *small))
     at_noise = search.reached(chosen)
 
-    def level(e: Explanation, chi2: Floats) -> bool:
-        fair = at_noise and search.reached(e) and not e.keys < chosen.keys
-        worse = e.bic - chosen.bic
-        return worse <= AS_GOOD or (fair and worse - float(np.max(chi2 - own)) < BIC_GAIN)
+    def by_window(e: Explanation) -> Floats:
+        return window_chi2(search.problem, e.fit.theta, e.fit.x0) / search.scale
 
-    return [Rival(e, False, True) for e, chi2 in zip(small, others, strict=True) if level(e, chi2)]
+    def level(e: Explanation) -> bool:
+        worse = e.bic - chosen.bic
+        if worse <= AS_GOOD or not at_noise or not search.reached(e) or e.keys < chosen.keys:
+            return worse <= AS_GOOD
+        return worse - float(np.max(by_window(e) - by_window(chosen))) < BIC_GAIN
+
+    return [Rival(e, False, True) for e in small if level(e)]
 
 
 def folds_agree(problem: Problem, found: Explanation, steps: dict[int, float], samples: float) -> bool:

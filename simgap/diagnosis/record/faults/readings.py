@@ -99,11 +99,10 @@ class SaturatedReading(_LostReadings):
 
     Detected: three readings in a row equal an extreme of the channel, of an encoder more than its noise would leave
     there after a motion that did not slow down, or where the motion stops and starts too abruptly to turn round;
-    excluded from the error. What stands there most of the time is no sensor at its limit.
+    excluded from the error. An extreme at which it stands most of the time is no limit of a sensor.
     """
 
     name = "saturated_reading"
-    most = MOST
     remedy = "If it did not rest there: choose a wider range for the sensor of {}, or a smaller motion."
     what = "stand at its extreme, at the limit of the sensor or at rest there"
 
@@ -120,6 +119,8 @@ class SaturatedReading(_LostReadings):
         out = [np.zeros(len(y), dtype=bool) for y in columns]
         for end in (low, high) if low < high else ():
             held = [(y, a, b) for y in columns for a, b in runs(y == end) if b - a >= SEVERAL]
+            if sum(int((y == end).sum()) for y in columns) > MOST * record.rows:
+                continue
             # what slows down to its extreme, or speeds up from there, rests
             if any(
                 (repeats ** (b - a) < BY_CHANCE and _meets(y, a, b, quantum)) or _cut_off(y, a, b, usual)
