@@ -94,7 +94,7 @@ def test_a_set_that_fits_as_well_or_clearly_better_than_the_answer_is_called_so(
 def test_a_set_that_is_worse_in_one_window_alone_is_not_told_from_the_answer(monkeypatch, worse, level):
     def fitted(name, chi2):
         fit = SimpleNamespace(theta=np.asarray(chi2), x0=None, chi2=float(np.sum(chi2)))
-        return SimpleNamespace(keys=frozenset({(name, "hinge")}), count=1, fit=fit, bic=fit.chi2 + 5.0)
+        return SimpleNamespace(keys=frozenset({(name, "hinge")}), members=(), count=1, fit=fit, bic=fit.chi2 + 5.0)
 
     usual = 100.0 + np.random.default_rng(7963).normal(0.0, 10.0, 12)
     answer, other = fitted("drag", usual), fitted("a spring", usual + worse)

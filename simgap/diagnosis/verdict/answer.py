@@ -273,13 +273,13 @@ def with_restatements(
 
 
 def doubts(others: Sequence[Rival], found: Explanation, problem: Problem, kept: Explanation) -> tuple[str, ...]:
-    """What is to be said, the strongest reason alone; empty if there is none.
+    """What is to be said against an answer.
 
     Args:
         others, found: what explains the data as well, and the answer, as the search compared them.
         problem, kept: everything that was fitted in the end, and the answer fitted to it.
     """
-    return contested(others, found) or doubted(problem, kept)
+    return (*contested(others, found), *doubted(problem, kept))
 
 
 def contested(others: Sequence[Rival], found: Explanation) -> tuple[str, ...]:

@@ -101,18 +101,20 @@ def as_good(search: Search, chosen: Explanation) -> list[Rival]:
     """Sets of no more parameters that the data do not tell from the chosen one, best first.
 
     They are within `AS_GOOD` of it, or as near to the noise and, one window aside, not worse by `BIC_GAIN`: a push that
-    nobody saw or a gross error makes a set the better one in a single window. Larger ones fit better off the noise
-    floor, whatever is missing, and did not carry over.
+    nobody saw or a gross error makes a set the better one in a single window. What is a part of it is none: a peak of
+    friction, or a limit, may act in one window alone. Larger ones fit better off the noise floor, whatever is missing,
+    and did not carry over.
     """
     small = [e for e in search.sound() if e.keys != chosen.keys and e.count <= chosen.count]
     at_noise = search.reached(chosen)
+    refined = {(c.effect.contains.name, c.on) for c in chosen.members if c.effect.contains is not None}
 
     def by_window(e: Explanation) -> Floats:
         return window_chi2(search.problem, e.fit.theta, e.fit.x0) / search.scale
 
     def level(e: Explanation) -> bool:
         worse = e.bic - chosen.bic
-        if worse <= AS_GOOD or not at_noise or not search.reached(e) or e.keys < chosen.keys:
+        if worse <= AS_GOOD or not at_noise or not search.reached(e) or e.keys <= chosen.keys | refined:
             return worse <= AS_GOOD
         return worse - float(np.max(by_window(e) - by_window(chosen))) < BIC_GAIN
 

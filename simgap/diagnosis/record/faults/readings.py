@@ -98,8 +98,8 @@ class SaturatedReading(_LostReadings):
     """A reading stands at its largest or smallest value, the limit of its sensor.
 
     Detected: three readings in a row equal an extreme of the channel, of an encoder more than its noise would leave
-    there after a motion that did not slow down, or where the motion stops and starts too abruptly to turn round;
-    excluded from the error. An extreme at which it stands most of the time is no limit of a sensor.
+    there after a motion that did not slow down, or where the motion stops and starts too abruptly to turn round; not
+    where most readings stand. Excluded from the error.
     """
 
     name = "saturated_reading"
