@@ -145,9 +145,9 @@ class WrongSign(Fault):
 class WrongUnit(Fault):
     """A column is in another unit than the case says.
 
-    Detected: the declared model misses by a chi^2/dof of 100 or more: each unit is tried on a few windows, alone and
-    with friction, biases and gains near 1, and taken if the error falls below a hundredth; if below a fifth, where a
-    search in it predicts better; or an input's gain equals a ratio of units often confused, and stays named.
+    Detected: the declared model misses by a chi^2/dof of 100 or more: each unit is tried, alone and with friction,
+    biases and gains near 1, and taken if the error falls below a hundredth; below a fifth, if a search in it predicts
+    better; or an input's gain equals a ratio of units often confused, and stays named.
     """
 
     name = "wrong_unit"
