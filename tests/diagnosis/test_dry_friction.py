@@ -8,15 +8,17 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.record.folds import split_windows
 from simgap.diagnosis.record.record import Record, Trace
+from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.search import fit as module
 from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem, build_problem
 from simgap.diagnosis.simulation.supermodel import cached_supermodel
 from simgap.diagnosis.verdict.held_out import judge
-from tests.diagnosis.plants import block, with_effect
+from tests.diagnosis.plants import block, point_pendulum, with_effect
 from tests.undeclared.rig import dry_friction as rig
 
 NOISE, STEP = 1e-5, 1e-5
@@ -86,3 +88,26 @@ def test_steps_that_are_all_rejected_are_not_convergence(monkeypatch):
     found = fit(problem, start, initial_states(problem), [slot], {slot: 1e-6})
     assert found.theta[slot] == 0.2
     assert not found.converged
+
+
+def test_an_arm_that_falls_shows_its_inertia_and_its_friction():
+    """Friction that varies with the place, as a ripple would in one direction, keeps all above the noise.
+
+    A fit of both from the inertia that explains most alone ends at no friction; one of them and drag leads there.
+    """
+    rng, t, runs = np.random.default_rng(6), np.arange(0.0, 1.3, 0.02), []
+
+    def slope(now, x):
+        rub = 0.04 * (1.0 + 0.15 * np.sin(9.0 * x[0])) * np.tanh(x[1] / 1e-2)
+        return x[1], (-0.072 * 9.81 * 0.1 * np.sin(x[0]) - rub) / 0.0039
+
+    for k, begin in enumerate((1.5, 1.35, 1.2)):
+        y = solve_ivp(slope, (0.0, 1.3), (begin, 0.0), t_eval=t, rtol=1e-8, max_step=1e-3).y[0]
+        runs.append(Trace(f"run{k}", t, (y + rng.normal(0.0, 1e-3, len(t)))[:, None], np.zeros((len(t), 1))))
+    known = ("arm.mass", "arm.com", "gravity")
+    settings = DiagnosisSettings(window_s=0.5, horizon_s=0.3, known=known)
+    d = diagnose(point_pendulum(0.072, 0.1, 0.0012), Record(tuple(runs), ("angle",), ("torque",)), settings)
+    found = {e.name: [p.value for p in e.parameters.values()] for e in d.effects}
+    assert d.verdict == "partial"
+    assert {"parameter_error", "coulomb_friction"} <= set(found) <= {"parameter_error", "coulomb_friction", "cogging"}
+    assert found["coulomb_friction"] == pytest.approx([0.04], rel=0.1)

@@ -28,7 +28,7 @@ from simgap.diagnosis.search.confidence import (
     vanishing,
 )
 from simgap.diagnosis.search.equivalence import Rival
-from simgap.diagnosis.search.explanations import Explanation, Search
+from simgap.diagnosis.search.explanations import Explanation, Search, sound
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.selection import fit_larger
 from simgap.diagnosis.simulation.coarse import JUDGED_ROWS, coarse
@@ -244,6 +244,10 @@ def transferable(
                 wider.joined(e)
         if size < most:
             fit_larger(wider, wider.sound(size)[:WIDTH], size + 1)
+    for e in sorted(wider.tried.values(), key=lambda e: e.bic)[:WIDTH]:
+        for c in () if e.physical else e.members:  # a smaller set may have ended far from where this one leads
+            if not sound(c, e.fit):
+                wider.without(e, c)
     pool = [
         e for size in range(1, largest + 1) for e in wider.sound(size)[:WIDTH]
         if e.fit.converged and not vanished(search, e, False)
