@@ -64,11 +64,17 @@ def crosses(xlo, xhi, lo, hi, axes):  # type: ignore[no-untyped-def]
     return found
 
 
+@njit(cache=True)
+def _set(a, values):  # type: ignore[no-untyped-def]
+    for j in range(a.size):  # to set a slice costs two seconds of compilation, for the words of a wrong shape
+        a[j] = values[j]
+
+
 @njit(cache=True, error_model="numpy")
 def cut(xlo, xhi, lo, hi, axes, piece, a, b):  # type: ignore[no-untyped-def]
     """Write the `piece`-th of PARTS ** axes parts of a box into a, b; False where there is nothing of it."""
-    a[:] = xlo
-    b[:] = xhi
+    _set(a, xlo)
+    _set(b, xhi)
     for j in axes:
         part = piece % PARTS
         piece //= PARTS
@@ -134,7 +140,9 @@ def _cut_rows(xlo, xhi, lo, hi, axes, piece, a, b, there):  # type: ignore[no-un
         if crosses(xlo[n], xhi[n], lo, hi, axes):
             there[n] = cut(xlo[n], xhi[n], lo, hi, axes, piece, a[n], b[n])
         elif piece == 0:
-            a[n], b[n], there[n] = xlo[n], xhi[n], True
+            _set(a[n], xlo[n])
+            _set(b[n], xhi[n])
+            there[n] = True
 
 
 Kernel = Callable[[Floats, Floats, Floats, Floats, Floats], None]

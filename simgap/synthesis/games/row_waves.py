@@ -43,13 +43,10 @@ def _and_of_slabs(lead, at, extent, won, news, out):  # type: ignore[no-untyped-
                     slab = (i * lead[0, 1] + j) * lead[0, 2] + k
                     if pas == 0:
                         any_news |= news[slab] != 0
-                    elif first:
-                        out[:] = won[slab]
-                        first = False
                     else:
-                        row = won[slab]
                         for q in range(out.size):
-                            out[q] &= row[q]
+                            out[q] = won[slab, q] if first else out[q] & won[slab, q]
+                        first = False
         if not any_news:
             return False
     return True
@@ -143,8 +140,8 @@ def spread(  # type: ignore[no-untyped-def]
                 return block
             number = _runs(line, made[block], rows, words, widest, runs)
             if number:
-                made[block] = line
-                stage[0, words : words + total] = line
+                for q in range(total):
+                    made[block, q] = stage[0, words + q] = line[q]
             for i in range(number):
                 _spread_run(
                     moves, todo, clear, stage, line, fresh, ends, entries, count, first_job,
@@ -277,7 +274,8 @@ def _write(new, c, start, stride, level, sets, value, mask):  # type: ignore[no-
         j = lowest(new)
         new &= new - np.uint64(1)
         value[start + j * stride, c] = level
-        mask[start + j * stride, c] = sets[j, : mask.shape[2]]
+        for b in range(mask.shape[2]):
+            mask[start + j * stride, c, b] = sets[j, b]
 
 
 @njit(cache=True, nogil=True)
