@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial, reduce
 
 from simgap.arrays import Floats
-from simgap.diagnosis.result import DiagnosisSettings, Key
+from simgap.diagnosis.result import Key
 from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.equivalence import rivals
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.selection import by_place, fitted_here
-from simgap.diagnosis.seek import Searched, looked_again
+from simgap.diagnosis.seek import Hypothesis, looked_again
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.thresholds import FIT_QUALITY
@@ -66,14 +66,13 @@ class Chosen:
         return replace(self, kept=kept, found=reduce(self.search.without, gone, self.found))
 
 
-def chosen(
-    parts: Parts, ends: Searched, settings: DiagnosisSettings, not_tried: Mapping[Key, str], judged: Parts
-) -> Chosen:
+def chosen(under: Hypothesis, judged: Parts) -> Chosen:
     """The set that is put to *confirm*, fitted on every sample of the other folds.
 
     Off the noise floor sets compete by their predictions of the windows of `judged`.
     """
-    known, (search, sparse, found) = parts.known, ends
+    known, settings = under.parts.known, under.settings
+    search, sparse, found = under.search, under.base, under.found
     full = search if search.problem is known else Search(known, search.starts)
     base = sparse if full is search else fit(known, known.model.null, initial_states(known), [], {})
     kept = found if full is search else fitted_here(full, base, found)
@@ -84,7 +83,8 @@ def chosen(
     if found.members and not at_floor:
         most = min(settings.max_effects, settings.most_off_floor)
         carried = looked_again(
-            search.watch, lambda: transferable(*ends, held(), settings.horizon_s, most, settings.max_effects)
+            under.watch,
+            lambda: transferable(search, sparse, found, held(), settings.horizon_s, most, settings.max_effects),
         )
         agree = carried is not None and carried.agrees
         if carried is not None:
@@ -94,5 +94,5 @@ def chosen(
             kept = found if full.problem is search.problem else fitted_here(full, base, found)
     kept = real(full, kept, at_floor)
     return Chosen(
-        search, sparse, found, kept, full, base, carried, held, settings.horizon_s, at_floor, agree, not_tried
+        search, sparse, found, kept, full, base, carried, held, settings.horizon_s, at_floor, agree, under.not_tried
     )

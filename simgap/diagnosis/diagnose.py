@@ -3,29 +3,36 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.diagnosis import seek
 from simgap.diagnosis.change import Answer, sides_apart
 from simgap.diagnosis.choosing import Chosen, chosen
 from simgap.diagnosis.conclude import conclude
 from simgap.diagnosis.record.faults.registry import mended
 from simgap.diagnosis.record.noise import resolution
 from simgap.diagnosis.record.record import Record
-from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, Key, RecordingFault
+from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, RecordingFault
 from simgap.diagnosis.search.columns import better_columns
-from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.scoring import barred
 from simgap.diagnosis.search.watch import Watch, answered
+from simgap.diagnosis.seek import (
+    Hypothesis,
+    explained_by_one,
+    looked_again,
+    no_louder_than_misses,
+    on_its_step,
+    under_its_law,
+    under_its_noise,
+)
 from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.parts import Parts, parts_of
-from simgap.diagnosis.thresholds import FIT_QUALITY, MATTERS
-from simgap.diagnosis.tiers import Tiers
+from simgap.diagnosis.thresholds import MATTERS
+from simgap.diagnosis.tiers import explain_all, motors, screened, second
 from simgap.diagnosis.verdict.faults import filtered_channels
 from simgap.diagnosis.verdict.score import gained
 from simgap.diagnosis.verdict.sets import plausible
@@ -81,13 +88,13 @@ def _diagnosed(
 ) -> tuple[Diagnosis, Record]:
     own, *others = ready(model, record, settings)
     sought = _sought(model, own, settings, watch)
-    seek.looked_again(watch, partial(watch.save, anyhow=True))
+    looked_again(watch, partial(watch.save, anyhow=True))
     apart = _apart(model, sought)
     if apart is None and (others or sought.others) and not sought.settled:
         watch.over = True  # what was saved stands until a hypothesis is found better
-        under = seek.looked_again(watch, lambda: [_sought(model, other, settings, watch) for other in others]) or []
+        under = looked_again(watch, lambda: [_sought(model, other, settings, watch) for other in others]) or []
         every = (*sought.others, *(h for each in under for h in (each, *each.others)))
-        best = seek.looked_again(watch, lambda: sought.likeliest(every))
+        best = looked_again(watch, lambda: sought.likeliest(every))
         if best is not None and not watch.stopped:
             sought, apart = best, None if best.ready is sought.ready else _apart(model, best)
     return (_concluded(model, sought) if apart is None else apart), sought.ready.record
@@ -95,10 +102,11 @@ def _diagnosed(
 
 def _apart(model: SymbolicModel, sought: _Sought) -> Diagnosis | None:
     """The answer for one side of a change in mid-record."""
-    search, _, best = sought.ends
+    under = sought.under
     if sought.coloured:
         return None
-    apart = sides_apart(sought.ready.record, sought.settings, search, best, _part_by(model, search.watch.tell))
+    answer = _part_by(model, under.watch.tell)
+    apart = sides_apart(sought.ready.record, under.settings, under.search, under.found, answer)
     return None if apart is None else replace(apart, recording=(*sought.ready.faults, *apart.recording))
 
 
@@ -120,42 +128,32 @@ class Ready:
 
 @dataclass(frozen=True, eq=False)
 class _Sought:
-    """A hypothesis of what a record is, and what the searches under it end with.
+    """A hypothesis of what a record is, once it was sought under it.
 
     Attributes:
-        ready: the record; settings: of the diagnosis.
-        parts: the folds, as far as commands from the record alone act; ends: the search on them.
-        filtered: velocities that were left out; not_tried: candidates that were not tried, and why.
-        coloured: whether the noise has a colour.
+        ready: the record; under: the folds, as far as commands from the record alone act, and what was found on them.
+        filtered: velocities that were left out; coloured: whether the noise has a colour.
         judged: folds on whose windows sets compete, its own if not given.
         others: further hypotheses of the same record: that gross errors are no pushes, that columns are others.
     """
 
     ready: Ready
-    settings: DiagnosisSettings
-    parts: Parts
-    ends: seek.Searched
+    under: Hypothesis
     filtered: tuple[RecordingFault, ...]
-    not_tried: Mapping[Key, str]
     coloured: bool
     judged: Parts | None = None
     others: tuple[_Sought, ...] = ()
 
     @property
-    def reached(self) -> bool:
-        """Whether what was found is down to the noise."""
-        return chi2_dof(self.ends[0].problem, self.ends[2].fit) <= FIT_QUALITY
-
-    @property
     def settled(self) -> bool:
-        """Whether that is no matter of belief either."""
-        return self.reached and plausible(self.ends[2])
+        """Whether what was found is down to the noise, and no matter of belief either."""
+        return self.under.reached and plausible(self.under.found)
 
     @cached_property
     def choice(self) -> Chosen:
         """The set that is put to *confirm*; the search is over."""
-        self.ends[0].watch.over = True
-        return chosen(self.parts, self.ends, self.settings, self.not_tried, self.judged or self.parts)
+        self.under.watch.over = True
+        return chosen(self.under, self.judged or self.under.parts)
 
     @cached_property
     def score(self) -> Floats:
@@ -164,7 +162,7 @@ class _Sought:
         Empty where there are no blocks to compare, or a channel was left out.
         """
         held = self.choice.held()
-        if not held or np.any(self.parts.known.heard == 0.0):
+        if not held or np.any(self.under.parts.known.heard == 0.0):
             return np.zeros(0)
         size = np.mean([np.log(judged.sigma / np.abs(self.ready.factors)) for _, judged in held])
         return self.choice.predicted - float(size)
@@ -172,7 +170,7 @@ class _Sought:
     def likeliest(self, others: Sequence[_Sought]) -> _Sought:
         """This hypothesis, or one that surely predicts better; instead of one beyond belief a plausible one as good."""
         best = self
-        for other in (replace(each, judged=self.parts) for each in others):
+        for other in (replace(each, judged=self.under.parts) for each in others):
             gain = gained(best.score, other.score)
             instead = plausible(other.choice.kept) and not plausible(best.choice.kept)
             if gain.sure or (instead and math.isfinite(gain.half) and gain.nats > -gain.half):
@@ -182,54 +180,49 @@ class _Sought:
 
 def _concluded(model: SymbolicModel, sought: _Sought) -> Diagnosis:
     """The answer from what was found: the set that is judged on *confirm*, and what *confirm* says of it."""
-    own, (search, _, _) = sought.ready, sought.ends
-    if search.watch.stopped:  # what is spent is spent: the answer stands on the samples that it was found on
-        sought = replace(sought, parts=replace(sought.parts, known=search.problem))
+    own, under = sought.ready, sought.under
+    if under.watch.stopped:  # what is spent is spent: the answer stands on the samples that it was found on
+        under = replace(under, parts=replace(under.parts, known=under.search.problem))
+        sought = replace(sought, under=under)
     faults = (*own.faults, *sought.filtered)
-    return conclude(model, own.record, sought.settings, sought.parts, sought.choice, own.said, faults)
+    return conclude(model, own.record, under.settings, under.parts, sought.choice, own.said, faults)
 
 
 def _sought(model: SymbolicModel, own: Ready, settings: DiagnosisSettings, watch: Watch) -> _Sought:
     """Search a record, tier by tier, and again where what was found changes what is known of it."""
-    record, parts, said = own.record, own.parts, own.said
-    not_tried = barred(model, record, settings.effects, settings.known)
+    start = Hypothesis.of(own.parts, settings, barred(model, own.record, settings.effects, settings.known), watch)
+    looked_again(watch, watch.save)
+    under, wide = screened(start)
     robust = None
-    most, before = settings.max_effects, seek.begun(parts.known, not_tried, watch)
-    seek.looked_again(watch, watch.save)
-    tiers = Tiers(model, settings, not_tried, parts)
-    wider, wide = tiers.screened(*before)
-    if wider is None:
-        pushed = None if seek.explained_by_one(*before) else seek.under_its_law(parts, *before, most, not_tried)
-        if pushed is not None and pushed[0].left_out and not tiers.explain_all(pushed[1][2], wide):
-            parts, ends = pushed
-            tiers, wide = replace(tiers, like=parts), None
+    if under is None:
+        pushed = None if explained_by_one(start) else under_its_law(start)
+        if pushed is not None and pushed.parts.left_out and not (wide and explain_all(wide, pushed.found)):
+            under, wide = pushed, None
         else:  # all data by least squares, from the beginning
-            law = pushed is not None and not pushed[0].left_out and not seek.acts_later(pushed[1][0], pushed[1][2])
+            law = pushed is not None and not pushed.parts.left_out and not pushed.acts_later
             robust = pushed if law else None
-            ends = seek.searched(parts.known, most, not_tried, watch, before=before)
-        wider = tiers.second(ends[0], ends[2], wide)
-    wider = tiers.motors(*(wider or (parts, ends))[1][::2]) or wider
-    parts, ends = seek.on_its_step(*(wider or (parts, ends)), most, not_tried)
-    search, _, found = ends
-    reach, late = parts.known.reach(found.fit.theta), parts.known.ahead(found.fit.theta)
-    if late > 0.0 or reach > parts.known.reach(search.problem.model.null):  # commands outside the record are unknown
-        whole, parts = parts, parts.past_the_unknown(reach)
-        if parts.known.windows.samples < (1.0 - MATTERS) * whole.known.windows.samples:
+            under = start.searched(passing=True)
+        under = second(under, wide) or under
+    under = on_its_step(motors(under) or under)
+    if under.acts_later:  # commands outside the record are unknown
+        known, found = under.parts.known, under.found
+        reach = known.reach(found.fit.theta)
+        parts = under.parts.past_the_unknown(reach)
+        if parts.known.windows.samples < (1.0 - MATTERS) * known.windows.samples:
             why = joined([c.effect.phrase(c.on) for c in found.members if isinstance(c.effect, MemoryInputEffect)])
-            said = (*said, _UNKNOWN_PAST.format(reach, why))
-        parts = parts.changed(lambda p: p.before_the_end(late))
-        ends = seek.searched(parts.known, most, not_tried, watch, (found, chi2_dof(search.problem, found.fit)))
-    filtered = () if watch.stopped else tuple(filtered_channels(ends[0], ends[2]))
+            own = replace(own, said=(*own.said, _UNKNOWN_PAST.format(reach, why)))
+        late = known.ahead(found.fit.theta)
+        under = under.on(parts.changed(lambda p: p.before_the_end(late)))
+    filtered = () if watch.stopped else tuple(filtered_channels(under.search, under.found))
     if filtered:
-        heard = (~np.isin(record.measured, [f.channel for f in filtered])).astype(np.float64)
-        parts, robust = parts.changed(lambda p: replace(p, heard=heard)), None
-        not_tried = {**not_tried, **{(f.fault, f.channel): "the channel was left out" for f in filtered}}
-        ends = seek.searched(parts.known, most, not_tried, watch, (ends[2].leaving(not_tried), math.inf))
-    parts, ends = seek.no_louder_than_misses(parts, ends, _least_noise(record, settings, parts), most, not_tried)
-    louder = seek.under_its_noise(parts, ends, most, not_tried)
-    parts, ends = louder or (parts, ends)
-    sought = _Sought(replace(own, said=said), settings, parts, ends, filtered, not_tried, louder is not None)
-    return sought if robust is None else replace(sought, others=(replace(sought, parts=robust[0], ends=robust[1]),))
+        heard = (~np.isin(own.record.measured, [f.channel for f in filtered])).astype(np.float64)
+        barring = {**under.not_tried, **{(f.fault, f.channel): "the channel was left out" for f in filtered}}
+        fewer = under.anew(under.parts.changed(lambda p: replace(p, heard=heard)), barring)
+        under, robust = fewer.with_what(under.found.leaving(barring), math.inf), None
+    under = no_louder_than_misses(under, _least_noise(own.record, settings, under.parts))
+    louder = under_its_noise(under)
+    sought = _Sought(own, louder or under, filtered, louder is not None)
+    return sought if robust is None else replace(sought, others=(replace(sought, under=robust),))
 
 
 def _least_noise(record: Record, settings: DiagnosisSettings, parts: Parts) -> Floats:
@@ -256,6 +249,6 @@ def _part_by(model: SymbolicModel, tell: Callable[[str], None]) -> Answer:
 
     def answer(part: Record, settings: DiagnosisSettings) -> Diagnosis | None:
         sought = _sought(model, ready(model, part, settings)[0], settings, Watch(tell=tell))
-        return _concluded(model, sought) if sought.reached else None
+        return _concluded(model, sought) if sought.under.reached else None
 
     return answer

@@ -1,9 +1,9 @@
-"""One search from its beginning to its end: on a problem, with what is known before, as far as the budget goes."""
+"""A hypothesis of a record, and the search under it from its beginning to its end, as far as the budget goes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
-from dataclasses import replace
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TypeVar
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.diagnosis.record.folds import Span
-from simgap.diagnosis.result import Key
+from simgap.diagnosis.result import DiagnosisSettings, Key
 from simgap.diagnosis.search.confidence import chi2_dof, independent_share
 from simgap.diagnosis.search.equivalence import rivals
 from simgap.diagnosis.search.explanations import Explanation, Search
@@ -38,13 +38,101 @@ from simgap.diagnosis.simulation.step_length import resolved_everywhere
 from simgap.diagnosis.thresholds import FAR, FIT_QUALITY, LEAPS_ANYHOW, MATTERS, MOST
 from simgap.diagnosis.verdict.faults import gross_spans
 
-Searched = tuple[Search, Fit, Explanation]
-"""The search, the model as declared on it, and what explains it best."""
-
 Found = TypeVar("Found")
 _HALVINGS = 3  # of the integration step
 _PAIRS = 2  # effects that are sought together under the law of gross errors
 _QUIETER = 3  # estimates of the noise, each from the misses under the one before
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """What a record is taken for, and the search under it.
+
+    Attributes:
+        parts: the folds, with the law of their noise, the times that count and the candidates.
+        settings: of the diagnosis; not_tried: candidates that are barred, and why.
+        search, base: the search, on fewer samples where there are many, and the model as declared there.
+        found: what explains it best; the model as declared before anything is sought.
+    """
+
+    parts: Parts
+    settings: DiagnosisSettings
+    not_tried: Mapping[Key, str]
+    search: Search
+    base: Fit
+    found: Explanation
+
+    @staticmethod
+    def of(parts: Parts, settings: DiagnosisSettings, not_tried: Mapping[Key, str], watch: Watch) -> Hypothesis:
+        """A hypothesis under which nothing was sought yet."""
+        search, base = begun(parts.known, not_tried, watch)
+        return Hypothesis(parts, settings, not_tried, search, base, search.empty(base))
+
+    @property
+    def most(self) -> int:
+        """Largest number of effects."""
+        return self.settings.max_effects
+
+    @property
+    def watch(self) -> Watch:
+        """What may stop the search."""
+        return self.search.watch
+
+    @property
+    def left(self) -> float:
+        """chi^2/dof of what was found."""
+        return chi2_dof(self.search.problem, self.found.fit)
+
+    @property
+    def reached(self) -> bool:
+        """Whether what was found is down to the noise."""
+        return self.left <= FIT_QUALITY
+
+    @property
+    def acts_later(self) -> bool:
+        """Whether commands from outside the record act on it under what was found, and not as declared."""
+        problem, theta, null = self.search.problem, self.found.fit.theta, self.search.problem.model.null
+        return problem.ahead(theta) > 0.0 or problem.reach(theta) > problem.reach(null)
+
+    def anew(self, parts: Parts, not_tried: Mapping[Key, str] | None = None) -> Hypothesis:
+        """Other folds, or fewer candidates, under which nothing was sought yet."""
+        return Hypothesis.of(parts, self.settings, self.not_tried if not_tried is None else not_tried, self.watch)
+
+    def ending(self, best: Explanation) -> Hypothesis:
+        """With `best`, once what could stand in its place is fitted, which may turn out to be simpler."""
+        rivals(self.search, best)
+        return replace(self, found=preferred(self.search, best, self.most))
+
+    def searched(self, passing: bool = False) -> Hypothesis:
+        """From the beginning to the end; if it is stopped, with the best so far.
+
+        Where that is only `passing`, and commands from outside the record act on what is found, nothing is tried in its
+        place: it is sought once more without the samples on which they act.
+        """
+
+        def look() -> Hypothesis:
+            under = replace(self, found=select(self.search, self.base, self.most))
+            return under if passing and under.acts_later else self.ending(under.found)
+
+        return looked_again(self.watch, look) or self._stopped()
+
+    def with_what(self, known: Explanation, left: float) -> Hypothesis:
+        """Begun from what is known, with its chi^2/dof where it was found; if it is stopped, that is among the rest."""
+
+        def look() -> Hypothesis:
+            return self.ending(carried_over(self.search, self.base, known, left, self.most))
+
+        ended = looked_again(self.watch, look)
+        if ended is None:
+            fitted_here(self.search, self.base, known)
+        return ended or self._stopped()
+
+    def on(self, parts: Parts) -> Hypothesis:
+        """What was found, on other folds."""
+        return self.anew(parts).with_what(self.found, self.left)
+
+    def _stopped(self) -> Hypothesis:
+        return replace(self, found=best_so_far(self.search, self.base, self.most))
 
 
 def looked_again(watch: Watch, look: Callable[[], Found | None]) -> Found | None:
@@ -60,12 +148,6 @@ def looked_again(watch: Watch, look: Callable[[], Found | None]) -> Found | None
         return None
 
 
-def ended(search: Search, base: Fit, best: Explanation, most: int) -> Searched:
-    """A search that ends with `best`: what could stand in its place is fitted, and may turn out to be simpler."""
-    rivals(search, best)
-    return search, base, preferred(search, best, most)
-
-
 def begun(problem: Problem, not_tried: Collection[Key], watch: Watch) -> tuple[Search, Fit]:
     """A search on the problem in which nothing was tried yet, and the model as declared."""
     sought = coarse(problem)
@@ -73,65 +155,41 @@ def begun(problem: Problem, not_tried: Collection[Key], watch: Watch) -> tuple[S
     return Search(sought, list_starts(sought, not_tried), watch=watch), base
 
 
-def searched(
-    problem: Problem, most: int, not_tried: Collection[Key], watch: Watch,
-    known: tuple[Explanation, float] | None = None, before: tuple[Search, Fit] | None = None,
-) -> Searched:  # fmt: skip
-    """A search on the problem, the model as declared, and what explains it best; begun from what is `known`.
-
-    What is known comes with its chi^2/dof where it was found. A search that is stopped ends with its best so far, what
-    was known among it; one that was begun `before` goes on.
-    """
-    search, base = before or begun(problem, not_tried, watch)
-
-    def look() -> Searched:
-        found = select(search, base, most) if known is None else carried_over(search, base, *known, most)
-        if before is not None and acts_later(search, found):  # sought once more without what was commanded before
-            return search, base, found
-        return ended(search, base, found, most)
-
-    if (ends := looked_again(watch, look)) is not None:
-        return ends
-    if known is not None:
-        fitted_here(search, base, known[0])
-    return search, base, best_so_far(search, base, most)
-
-
-def on_its_step(parts: Parts, ends: Searched, most: int, not_tried: Collection[Key]) -> tuple[Parts, Searched]:
+def on_its_step(under: Hypothesis) -> Hypothesis:
     """The search again with half the integration step, until that suits an answer at the noise and what is part of it.
 
     An effect that cuts the steps shorter, such as a delay, must not be needed for that alone. A search that is stopped
     leaves the answer before it.
     """
     for _ in range(_HALVINGS):
-        search, _, found = ends
+        search, found = under.search, under.found
         inside = [found, *(e for e in search.tried.values() if e.members and e.keys < found.keys)]
         if search.watch.stopped or not found.members or not search.reached(found):
             break
         if all(resolved_everywhere(search.problem, e.fit.theta, e.fit.x0) for e in inside):
             break
-        finer = parts.changed(lambda p: replace(p, h_max=p.h_max / 2))
-        again = searched(finer.known, most, not_tried, search.watch, (found, chi2_dof(search.problem, found.fit)))
+        finer = under.on(under.parts.changed(lambda p: replace(p, h_max=p.h_max / 2)))
         if search.watch.stopped:
             break
-        parts, ends = finer, again
-    return parts, ends
+        under = finer
+    return under
 
 
-def acts_later(search: Search, found: Explanation) -> bool:
-    """Whether commands from outside the record act on it under what was found, and not as declared."""
-    problem, null = search.problem, search.problem.model.null
-    return problem.ahead(found.fit.theta) > 0.0 or problem.reach(found.fit.theta) > problem.reach(null)
+def past_the_unknown(under: Hypothesis) -> Hypothesis | None:
+    """The search again without the samples on which commands from outside the record act; None where none do."""
+    known, theta = under.parts.known, under.found.fit.theta
+    reach, late = known.reach(theta), known.ahead(theta)
+    if late <= 0.0 and reach <= known.reach(known.model.null):
+        return None
+    return under.on(under.parts.past_the_unknown(reach).changed(lambda p: p.before_the_end(late)))
 
 
-def explained_by_one(search: Search, base: Fit) -> bool:
+def explained_by_one(start: Hypothesis) -> bool:
     """Whether the model as declared or with one effect more is down to the noise."""
-    return bool(looked_again(search.watch, lambda: explained_by_one_more(search, search.empty(base))))
+    return bool(looked_again(start.watch, lambda: explained_by_one_more(start.search, start.found)))
 
 
-def under_its_law(
-    parts: Parts, plain: Search, base: Fit, most: int, not_tried: Collection[Key]
-) -> tuple[Parts, Searched] | None:
+def under_its_law(plain: Hypothesis) -> Hypothesis | None:
     """The search on without pushes; under their law alone where more than noise is left; None where nobody pushed.
 
     Misses far beyond the usual ones are gross errors, and usual ones get smaller. What the model misses all the time
@@ -139,37 +197,37 @@ def under_its_law(
     joins, and leaves smaller ones. Where one effect more explains everything down to the noise, nothing was a gross
     error. The search that it begins with is as it was.
     """
-    search, start, found, problem = plain, base, plain.empty(base), plain.problem
+    parts, under = plain.parts, plain
     spans: tuple[Span, ...] = ()
-    last = least = np.full(len(problem.sigma), np.inf)
+    last = least = np.full(len(parts.known.sigma), np.inf)
     smaller = True
-    while not (search.watch.stopped or search.reached(found)):
-        misses = problem.misses(found.fit.theta, found.fit.x0)
+    while not (plain.watch.stopped or under.search.reached(under.found)):
+        problem = under.search.problem
+        misses = problem.misses(under.found.fit.theta, under.found.fit.x0)
         size = np.maximum(usual_size(misses, problem.used[problem.samples]), 1.0)
         usual = size * problem.sigma
         smaller, before, least = bool(np.any(usual < MOST * least)), smaller, np.minimum(least, usual)
         if not (smaller or before):  # once more after the last: windows are cut where the errors end by then
             break
-        if search is not plain and np.all(np.abs(misses) <= FAR * size):  # nothing stands out
+        if under is not plain and np.all(np.abs(misses) <= FAR * size):  # nothing stands out
             break
         last, problem = usual, coarse(parts.with_gross_errors(usual, spans).known)
-        start = fit(problem, base.theta, base.begin(problem), [], {})
-        scale = float(np.mean(problem.spread**2)) * independent_share(problem, start)
-        search = Search(problem, plain.starts, scale, watch=search.watch)
+        base = fit(problem, plain.base.theta, plain.base.begin(problem), [], {})
+        scale = float(np.mean(problem.spread**2)) * independent_share(problem, base)
+        search = Search(problem, plain.search.starts, scale, watch=plain.watch)
         if not smaller:  # a set that was grown step by step may hold the misses up; three far from the noise cost much
-            looked_again(search.watch, partial(leap, search, start, min(most, _PAIRS)))
-        found = _grown_from(search, start, found, min(most, LEAPS_ANYHOW))
-        spans = gross_spans(problem, found.fit)
-    if not spans or search.watch.stopped:
+            looked_again(plain.watch, partial(leap, search, base, min(plain.most, _PAIRS)))
+        under = _grown_from(replace(under, search=search, base=base), min(plain.most, LEAPS_ANYHOW))
+        spans = gross_spans(problem, under.found.fit)
+    if not spans or plain.watch.stopped:
         return None
-    if not search.reached(found):  # what is left may be no push: nothing is left out
-        return parts.with_gross_errors(last, spans), (search, start, found)
-    if looked_again(plain.watch, lambda: _is_explained(plain, found)):
+    if not under.search.reached(under.found):  # what is left may be no push: nothing is left out
+        return replace(under, parts=parts.with_gross_errors(last, spans))
+    if looked_again(plain.watch, lambda: _is_explained(plain.search, under.found)):
         return None
-    aside = 0.25 * problem.brief
+    aside = 0.25 * under.search.problem.brief
     around = tuple((k, a - aside, b + aside) for k, a, b in spans)
-    kept = parts.leaving_out(around).with_gross_errors(last, ())
-    return kept, searched(kept.known, most, not_tried, search.watch, (found, chi2_dof(problem, found.fit)))
+    return under.on(parts.leaving_out(around).with_gross_errors(last, ()))
 
 
 def _is_explained(plain: Search, found: Explanation) -> bool:
@@ -179,28 +237,26 @@ def _is_explained(plain: Search, found: Explanation) -> bool:
     return explained_by_one_more(apart, known) or any(apart.reached(e) for e in apart.refined(known))
 
 
-def _grown_from(search: Search, base: Fit, found: Explanation, most: int) -> Explanation:
-    """The best that a search finds from what another one found."""
+def _grown_from(under: Hypothesis, most: int) -> Hypothesis:
+    """The best that a new search finds from what another one found."""
+    search, base, found = under.search, under.base, under.found
 
     def look() -> Explanation:
         known = search.explain(found.members, found.fit.theta, found.fit) if found.members else search.empty(base)
         return preferred(search, grow(search, known, most, finer=False), most)
 
-    return looked_again(search.watch, look) or best_so_far(search, base, most)
+    return replace(under, found=looked_again(search.watch, look) or best_so_far(search, base, most))
 
 
-def no_louder_than_misses(
-    parts: Parts, ends: Searched, least: Floats, most: int, not_tried: Collection[Key]
-) -> tuple[Parts, Searched]:
+def no_louder_than_misses(under: Hypothesis, least: Floats) -> Hypothesis:
     """The search again under the size of the misses, as long as these are less than noise: no noise is larger.
 
     A step of an input that a plant follows at once, or an odd reading, is taken for noise where it is estimated from
     neighbouring readings. `least` (k,): standard deviations that are known, or that rounding makes.
     """
     for _ in range(_QUIETER):
-        search, _, found = ends
-        problem = search.problem
-        if search.watch.stopped or chi2_dof(problem, found.fit) * FIT_QUALITY >= 1.0:
+        problem, found, parts = under.search.problem, under.found, under.parts
+        if under.watch.stopped or under.left * FIT_QUALITY >= 1.0:
             break
         free = problem.size / max(problem.size - problem.taken - len(found.fit.slots), 1.0)
         misses = problem.misses(found.fit.theta, found.fit.x0)
@@ -208,36 +264,29 @@ def no_louder_than_misses(
         sigma = np.clip(parts.known.sigma * size, least, parts.known.sigma)
         if np.all(sigma > parts.known.sigma / np.sqrt(FIT_QUALITY)):
             break
-        parts = parts.changed(partial(replace, sigma=sigma))
-        ends = searched(parts.known, most, not_tried, search.watch)
-    return parts, ends
+        under = under.anew(parts.changed(partial(replace, sigma=sigma))).searched()
+    return under
 
 
-def under_its_noise(
-    parts: Parts, ends: Searched, most: int, not_tried: Collection[Key]
-) -> tuple[Parts, Searched] | None:
+def under_its_noise(under: Hypothesis) -> Hypothesis | None:
     """The search again under a noise with a colour, where it then reaches that noise; None where it does not."""
-    search, _, found = ends
-    noise = None if search.watch.stopped else _noise(parts.known, search, found)
+    noise = None if under.watch.stopped else _noise(under)
     if noise is None:
         return None
     size, colour = noise  # its standard deviation over that of before
-    louder = parts.changed(lambda p: replace(p, sigma=p.sigma * size, colour=colour))
-    again = searched(louder.known, most, not_tried, search.watch)
-    if search.watch.stopped or chi2_dof(again[0].problem, again[2].fit) > FIT_QUALITY:  # the noise was not what lacked
+    louder = under.anew(under.parts.changed(lambda p: replace(p, sigma=p.sigma * size, colour=colour))).searched()
+    if under.watch.stopped or not louder.reached:  # the noise was not what lacked
         return None
-    limit = min(most, LEAPS_ANYHOW)
-    full = len(found.members) >= limit  # all that it takes anyhow bends to anything, and a little memory to the rest
-    if full and (len(again[2].members) >= limit or colour.faint.any()):
-        return None
-    return louder, again
+    limit = min(under.most, LEAPS_ANYHOW)
+    full = len(under.found.members) >= limit  # all that it takes anyhow bends to anything, a little memory to the rest
+    return None if full and (len(louder.found.members) >= limit or colour.faint.any()) else louder
 
 
-def _noise(known: Problem, search: Search, found: Explanation) -> tuple[Floats, Colour] | None:
+def _noise(under: Hypothesis) -> tuple[Floats, Colour] | None:
     """The law of the noise, where what was found leaves more than white noise and that is no trace of a force."""
-    if not FIT_QUALITY < chi2_dof(search.problem, found.fit) <= 1.0 / MATTERS:
+    if not FIT_QUALITY < under.left <= 1.0 / MATTERS:
         return None
-    at = found.fit
-    if search.problem is not known:
+    known, at = under.parts.known, under.found.fit
+    if under.search.problem is not known:
         at = fit(known, at.theta, initial_states(known), [], {})
     return noise_colour(known, at.theta, at.x0)

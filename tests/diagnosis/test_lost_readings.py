@@ -13,9 +13,10 @@ from simgap.diagnosis.record.folds import Windows, split_windows
 from simgap.diagnosis.record.noise import noise_floor
 from simgap.diagnosis.record.record import Record, Trace, runs
 from simgap.diagnosis.record.survey import survey
+from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.search.confidence import at_noise
 from simgap.diagnosis.search.watch import Watch
-from simgap.diagnosis.seek import begun, no_louder_than_misses
+from simgap.diagnosis.seek import Hypothesis, no_louder_than_misses
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import build_problem
 from simgap.diagnosis.simulation.supermodel import cached_supermodel
@@ -123,9 +124,9 @@ def test_a_noise_taken_for_too_large_becomes_that_of_the_readings_that_are_left(
     start = np.arange(0, 4000, 100, dtype=np.int64)
     windows = Windows(start, start + 100, np.zeros(40, dtype=np.int64), np.zeros(40, dtype=np.int64))
     problem = build_problem(cached_supermodel(block(), ("q",)), record, windows, np.array([3e-3]))
-    search, base = begun(problem, (), Watch())
     parts = Parts(problem, problem, problem, problem, 1.0)
-    quieter, _ = no_louder_than_misses(parts, (search, base, search.empty(base)), np.zeros(1), 0, ())
+    start = Hypothesis.of(parts, DiagnosisSettings(max_effects=0), {}, Watch())
+    quieter = no_louder_than_misses(start, np.zeros(1)).parts
     assert float(quieter.known.sigma[0]) == pytest.approx(1e-3, rel=0.05)
 
 

@@ -13,7 +13,7 @@ from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
 from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.search.watch import Watch
-from simgap.diagnosis.seek import begun, under_its_law
+from simgap.diagnosis.seek import Hypothesis, under_its_law
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import parts_of
 from simgap.diagnosis.verdict.faults import gross_spans
@@ -110,11 +110,10 @@ def test_a_push_that_two_missing_effects_hide_is_found():
     few = ("coulomb_friction", "viscous_friction", "input_dead_zone", "spring")
     settings = DiagnosisSettings(noise={"q": 2e-5}, held_out_traces=("run4",), effects=few)
     parts, _ = parts_of(block(), Record(runs, ("q",), ("u",)), settings)
-    search, base = begun(parts.known, {}, Watch())
-    under, (last, _, found) = under_its_law(parts, search, base, 3, {})
-    assert {c.effect.name for c in found.members} == {"coulomb_friction", "viscous_friction"}
-    assert last.reached(found)
-    ((trace, begin, end),) = under.left_out
+    under = under_its_law(Hypothesis.of(parts, settings, {}, Watch()))
+    assert {c.effect.name for c in under.found.members} == {"coulomb_friction", "viscous_friction"}
+    assert under.search.reached(under.found)
+    ((trace, begin, end),) = under.parts.left_out
     assert trace == 0
     assert 4.0 < begin < 4.23
     assert 4.33 < end < 4.6

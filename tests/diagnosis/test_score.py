@@ -94,7 +94,7 @@ def test_of_a_single_block_nothing_is_sure():
 @pytest.fixture
 def hypothesis(monkeypatch):
     """Makes a hypothesis of a record from what its choice predicts, which is given."""
-    monkeypatch.setattr(diagnosing._Sought, "choice", property(lambda own: own.settings))
+    monkeypatch.setattr(diagnosing._Sought, "choice", property(lambda own: own.under.choice))
 
     def made(predicted, *, sigma=1.0, factor=1.0, heard=1.0, ratio=1.0):
         gain = SimpleNamespace(parameters=[SimpleNamespace(symbol="ratio", null=1.0)])
@@ -104,7 +104,7 @@ def hypothesis(monkeypatch):
         choice = SimpleNamespace(predicted=np.asarray(predicted), kept=put, held=lambda: held)
         ready = SimpleNamespace(factors=np.array([factor]))
         parts = SimpleNamespace(known=SimpleNamespace(heard=np.array([heard])))
-        return diagnosing._Sought(ready, choice, parts, None, (), {}, False)
+        return diagnosing._Sought(ready, SimpleNamespace(parts=parts, choice=choice), (), False)
 
     return made
 

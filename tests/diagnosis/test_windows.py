@@ -157,14 +157,14 @@ def test_an_answer_on_a_step_that_is_too_long_is_sought_again_on_half_of_it(suit
     )
     settings = DiagnosisSettings(effects=("viscous_friction",))
     parts, _ = parts_of(on_a_line(lambda q, v, u: u), record, settings)
-    ends = seek.searched(parts.known, 1, {}, Watch())
-    assert [c.key for c in ends[2].members] == [("viscous_friction", "joint")]
+    under = seek.Hypothesis.of(parts, replace(settings, max_effects=1), {}, Watch()).searched()
+    assert [c.key for c in under.found.members] == [("viscous_friction", "joint")]
     asked = iter([suits, True])
     monkeypatch.setattr(seek, "resolved_everywhere", lambda *_: next(asked))
-    after, again = seek.on_its_step(parts, ends, 1, {})
-    assert after.known.h_max == parts.known.h_max / (1 if suits else 2)
-    assert (again is ends) == suits
-    assert again[2].fit.theta == pytest.approx(ends[2].fit.theta, rel=1e-3)
+    after = seek.on_its_step(under)
+    assert after.parts.known.h_max == parts.known.h_max / (1 if suits else 2)
+    assert (after is under) == suits
+    assert after.found.fit.theta == pytest.approx(under.found.fit.theta, rel=1e-3)
 
 
 def test_a_stop_on_a_finer_step_leaves_the_answer_before_it(monkeypatch):
@@ -172,9 +172,9 @@ def test_a_stop_on_a_finer_step_leaves_the_answer_before_it(monkeypatch):
     t, wave = np.arange(1600) * DT, 4.0 * np.repeat(rng.uniform(-1.0, 1.0, 160), 10)
     x = moved(lambda q, v, u: u - 2.0 * v, (0.0, 0.0), lambda _: iter(wave))[:-1]
     y = x[:, :1] + NOISE * rng.standard_normal((1600, 1))
-    record, settings = Record((Trace("run", t, y, wave[:, None]),), ("q",), ("u",)), DiagnosisSettings()
+    record, settings = Record((Trace("run", t, y, wave[:, None]),), ("q",), ("u",)), DiagnosisSettings(max_effects=1)
     parts, _ = parts_of(on_a_line(lambda q, v, u: u), record, settings)
-    ends = seek.searched(parts.known, 1, {}, Watch())
+    under = seek.Hypothesis.of(parts, settings, {}, Watch()).searched()
     monkeypatch.setattr(seek, "resolved_everywhere", lambda *_: False)
 
     def stopped(self: Watch, best: str) -> None:
@@ -182,9 +182,8 @@ def test_a_stop_on_a_finer_step_leaves_the_answer_before_it(monkeypatch):
         raise Stopped
 
     monkeypatch.setattr(Watch, "step", stopped)
-    after, again = seek.on_its_step(parts, ends, 1, {})
-    assert ends[2].members
-    assert (after, again) == (parts, ends)
+    assert under.found.members
+    assert seek.on_its_step(under) is under
 
 
 def test_an_effect_that_was_named_and_has_no_place_is_said():

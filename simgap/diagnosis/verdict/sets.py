@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -109,6 +110,7 @@ def as_good(search: Search, chosen: Explanation) -> list[Rival]:
     at_noise = search.reached(chosen)
     refined = {(c.effect.contains.name, c.on) for c in chosen.members if c.effect.contains is not None}
 
+    @cache
     def by_window(e: Explanation) -> Floats:
         return window_chi2(search.problem, e.fit.theta, e.fit.x0) / search.scale
 
