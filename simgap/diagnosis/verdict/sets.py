@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
 
@@ -110,15 +109,16 @@ def as_good(search: Search, chosen: Explanation) -> list[Rival]:
     at_noise = search.reached(chosen)
     refined = {(c.effect.contains.name, c.on) for c in chosen.members if c.effect.contains is not None}
 
-    @cache
     def by_window(e: Explanation) -> Floats:
         return window_chi2(search.problem, e.fit.theta, e.fit.x0) / search.scale
+
+    own = by_window(chosen) if at_noise else np.zeros(0)
 
     def level(e: Explanation) -> bool:
         worse = e.bic - chosen.bic
         if worse <= AS_GOOD or not at_noise or not search.reached(e) or e.keys <= chosen.keys | refined:
             return worse <= AS_GOOD
-        return worse - float(np.max(by_window(e) - by_window(chosen))) < BIC_GAIN
+        return worse - float(np.max(by_window(e) - own)) < BIC_GAIN
 
     return [Rival(e, False, True) for e in small if level(e)]
 
