@@ -215,9 +215,8 @@ def under_its_law(plain: Hypothesis) -> Hypothesis | None:
         base = fit(problem, plain.base.theta, plain.base.begin(problem), [], {})
         scale = float(np.mean(problem.spread**2)) * independent_share(problem, base)
         search = Search(problem, plain.search.starts, scale, watch=plain.watch)
-        if not smaller:  # a set that was grown step by step may hold the misses up; three far from the noise cost much
-            looked_again(plain.watch, partial(leap, search, base, min(plain.most, _PAIRS)))
-        under = _grown_from(replace(under, search=search, base=base), min(plain.most, LEAPS_ANYHOW))
+        pairs = 0 if smaller else min(plain.most, _PAIRS)  # a set grown step by step may hold the misses up
+        under = _grown_from(replace(under, search=search, base=base), min(plain.most, LEAPS_ANYHOW), pairs)
         spans = gross_spans(problem, under.found.fit)
     if not spans or plain.watch.stopped:
         return None
@@ -237,12 +236,13 @@ def _is_explained(plain: Search, found: Explanation) -> bool:
     return explained_by_one_more(apart, known) or any(apart.reached(e) for e in apart.refined(known))
 
 
-def _grown_from(under: Hypothesis, most: int) -> Hypothesis:
-    """The best that a new search finds from what another one found."""
+def _grown_from(under: Hypothesis, most: int, pairs: int) -> Hypothesis:
+    """The best that a new search finds from what another one found, and from sets of up to `pairs` effects near it."""
     search, base, found = under.search, under.base, under.found
 
     def look() -> Explanation:
         known = search.explain(found.members, found.fit.theta, found.fit) if found.members else search.empty(base)
+        leap(search.near(known), base, pairs)
         return preferred(search, grow(search, known, most, finer=False), most)
 
     return replace(under, found=looked_again(search.watch, look) or best_so_far(search, base, most))
