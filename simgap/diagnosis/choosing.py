@@ -34,6 +34,7 @@ class Chosen:
         horizon_s: how far ahead is predicted, s.
         at_floor: whether the fit reaches the noise; agree: whether halves of the data give the same coefficients.
         barred: candidates that were not tried, and why.
+        competing: the same with the set that predicts best, whether the fit reaches the noise or not.
     """
 
     search: Search
@@ -48,6 +49,7 @@ class Chosen:
     at_floor: bool
     agree: bool
     barred: Mapping[Key, str]
+    competing: Callable[[], Chosen]
 
     @cached_property
     def predicted(self) -> Floats:
@@ -66,17 +68,17 @@ class Chosen:
         return replace(self, kept=kept, found=reduce(self.search.without, gone, self.found))
 
 
-def chosen(under: Hypothesis, judged: Parts) -> Chosen:
+def chosen(under: Hypothesis, judged: Parts, compete: bool = False) -> Chosen:
     """The set that is put to *confirm*, fitted on every sample of the other folds.
 
-    Off the noise floor sets compete by their predictions of the windows of `judged`.
+    Off the noise floor sets `compete` by their predictions of the windows of `judged`; at it, if they are made to.
     """
     known, settings = under.parts.known, under.settings
     search, sparse, found = under.search, under.base, under.found
     full = search if search.problem is known else Search(known, search.starts)
     base = sparse if full is search else fit(known, known.model.null, initial_states(known), [], {})
     kept = found if full is search else fitted_here(full, base, found)
-    at_floor = chi2_dof(known, kept.fit) <= FIT_QUALITY
+    at_floor = chi2_dof(known, kept.fit) <= FIT_QUALITY and not compete
     together = math.ceil((settings.horizon_s + 0.5 * judged.window_s) / judged.window_s)
     held = cache(partial(trials, known, judged.known.windows, together))
     agree, carried = True, None
@@ -93,6 +95,7 @@ def chosen(under: Hypothesis, judged: Parts) -> Chosen:
             found = min((found, *same), key=by_place)
             kept = found if full.problem is search.problem else fitted_here(full, base, found)
     kept = real(full, kept, at_floor)
+    competing, horizon = partial(chosen, under, judged, True), settings.horizon_s
     return Chosen(
-        search, sparse, found, kept, full, base, carried, held, settings.horizon_s, at_floor, agree, under.not_tried
+        search, sparse, found, kept, full, base, carried, held, horizon, at_floor, agree, under.not_tried, competing
     )

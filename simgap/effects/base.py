@@ -150,6 +150,11 @@ class EffectParameter:
     may_vanish: bool = False
     times: float = 1.0
 
+    @property
+    def is_ratio(self) -> bool:
+        """Whether it is fitted, and true over declared."""
+        return self.null == 1.0 and not self.integer
+
     def widened(self, interval: tuple[float, float]) -> tuple[float, float]:
         """An interval of the fit as one of the truth."""
         lo, hi = interval

@@ -198,11 +198,15 @@ def _takes_most(search: Search, e: Explanation) -> bool:
 
 
 def plausible(e: Explanation) -> bool:
-    """Whether no ratio of true to declared is beyond belief: off the noise floor such a fit bends the model to a force
-    that it lacks, or a column is in another unit."""
-    values = [(p, e.fit.theta[k]) for c in e.members for p, k in zip(c.effect.parameters, c.slots, strict=True)]
-    ratios = [v for p, v in values if p.symbol.startswith("ratio") and p.null == 1.0]
-    return all(1.0 / PLAUSIBLE_RATIO <= abs(r) <= PLAUSIBLE_RATIO for r in ratios)
+    """Whether no ratio of true to declared, of an effect with several the largest, is beyond belief.
+
+    Off the noise floor such a fit bends the model to a force that it lacks, or a column is in another unit.
+    """
+    sizes = [
+        max((abs(e.fit.theta[k]) for p, k in zip(c.effect.parameters, c.slots, strict=True) if p.is_ratio), default=1.0)
+        for c in e.members
+    ]
+    return all(1.0 / PLAUSIBLE_RATIO <= size <= PLAUSIBLE_RATIO for size in sizes)
 
 
 def trials(known: Problem, windows: Windows, together: int) -> tuple[Trial, ...]:
