@@ -129,7 +129,7 @@ def _show_checked(checked: Checked, case: Path) -> None:
     if checked.compared and not checked.findings:
         out.print("The engine takes the model file as it is: nothing is dropped or changed.")
     if not checked.costs:
-        line("Only a diagnosis can be computed: a bound takes `domain:` and `simulator:`, a controller `synthesis:`.")
+        line("Only a diagnosis: a bound takes both `domain:` and `simulator:`, a controller `synthesis:` as well.")
     line(conclusion(checked, case))
 
 

@@ -269,17 +269,11 @@ def _steadier(known: Problem, search: Search, found: Explanation) -> Explanation
     """The best smaller set that still reaches the noise and on which halves agree; None if there is none.
 
     An effect that BIC adds for a small misfit (a drift of a position, where dry friction creeps before it slides) must
-    not take a right and steady one with it, nor a curve a gain that it resembles. One effect goes at a time, or gives
-    way to one with fewer numbers that it resembles: what BIC misses least.
+    not take a right and steady one with it. One effect goes at a time, the one that BIC misses least.
     """
     while len(found.members) > 1:
-        smaller = []
-        for c in found.members:
-            rest = search.without(found, c)
-            alike = {(name, c.on) for name in c.effect.resembles}
-            smaller += [rest, *(search.extend(rest, s) for s in search.ranked(rest) if s.candidate.key in alike)]
-        less = [e for e in smaller if e.physical and e.count < found.count]
-        near = sorted((e for e in less if chi2_dof(known, e.fit) <= FIT_QUALITY), key=lambda e: e.bic)
+        smaller = [search.without(found, c) for c in found.members]
+        near = sorted((e for e in smaller if e.physical and chi2_dof(known, e.fit) <= FIT_QUALITY), key=lambda e: e.bic)
         for e in near:
             if folds_agree(known, e, search.steps, 1.0):
                 return e

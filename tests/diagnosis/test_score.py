@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from simgap.diagnosis import choosing
+from simgap.diagnosis import choosing, conclude
 from simgap.diagnosis import diagnose as diagnosing
 from simgap.diagnosis.choosing import Chosen
 from simgap.diagnosis.conclude import is_borne_out
 from simgap.diagnosis.verdict.score import Errors, gained
-from simgap.diagnosis.verdict.sets import density_of_choice, preferred_of
+from simgap.diagnosis.verdict.sets import density_of_choice, plausible, preferred_of
 
 
 def _errors(rng: np.random.Generator, scale: float, pushes: np.ndarray, blocks: int = 40, each: int = 25) -> Errors:
@@ -97,7 +97,7 @@ def hypothesis(monkeypatch):
     monkeypatch.setattr(diagnosing._Sought, "choice", property(lambda own: own.under.choice))
 
     def made(predicted, *, sigma=1.0, factor=1.0, heard=1.0, ratio=1.0):
-        gain = SimpleNamespace(parameters=[SimpleNamespace(symbol="ratio", null=1.0)])
+        gain = SimpleNamespace(parameters=[SimpleNamespace(is_ratio=True)])
         member = SimpleNamespace(effect=gain, slots=[0])
         put = SimpleNamespace(members=[member], fit=SimpleNamespace(theta=np.array([ratio])))
         held = [(None, SimpleNamespace(sigma=np.array([sigma])))]
@@ -149,12 +149,34 @@ def test_a_ratio_beyond_belief_gives_way_to_what_predicts_as_well(hypothesis):
     assert not _is_taken(hypothesis(own, ratio=40.0), hypothesis(worse))
 
 
+@pytest.mark.parametrize(("ratios", "believed"), [((0.0, 1.2, 1.1), True), ((900.0, 1000.0, 950.0), False)])
+def test_a_curve_is_believed_by_its_largest_ratio(ratios, believed):
+    """It may begin with no gain at all; a column in another unit makes all of it large."""
+    curve = SimpleNamespace(parameters=[SimpleNamespace(is_ratio=True)] * 3)
+    member = SimpleNamespace(effect=curve, slots=[0, 1, 2])
+    assert plausible(SimpleNamespace(members=[member], fit=SimpleNamespace(theta=np.array(ratios)))) is believed
+
+
+@pytest.mark.parametrize(("smaller", "put"), [("steady", "a part"), (None, "what predicts best")])
+def test_where_halves_disagree_on_what_is_at_the_noise_sets_compete(smaller, put, monkeypatch):
+    monkeypatch.setattr(conclude, "judge", lambda *_: None)
+    monkeypatch.setattr(conclude, "_steadier", lambda *_: smaller)
+    monkeypatch.setattr(conclude, "_evidence", lambda parts, chosen, *_: SimpleNamespace(agree=chosen == put))
+    at_noise = SimpleNamespace(
+        at_floor=True, full=None, kept=None, base=SimpleNamespace(theta=None),
+        less=lambda _: "a part", competing=lambda: "what predicts best",
+    )  # fmt: skip
+    chosen, evidence = conclude.confirmed(SimpleNamespace(confirm=None, known=None), at_noise, 0.2)
+    assert (chosen, evidence.agree) == (put, True)
+
+
 def test_what_reaches_the_noise_is_scored_as_it_predicts_what_it_was_not_fitted_to(monkeypatch):
     """Sets compete off the noise alone: at it the answer itself is fitted to other blocks than it predicts."""
     monkeypatch.setattr(choosing, "density", lambda put, *other: put)
     full = SimpleNamespace(empty=lambda base: "declared", steps={})
     found, nothing = (
-        Chosen(None, None, None, "friction", full, None, None, list, 0.2, floor, True, {}) for floor in (True, False)
+        Chosen(None, None, None, "friction", full, None, None, list, 0.2, floor, True, {}, list)
+        for floor in (True, False)
     )
     assert (found.predicted, nothing.predicted) == ("friction", "declared")
 

@@ -16,7 +16,7 @@ from simgap.diagnosis.record.record import Record, runs
 from simgap.diagnosis.thresholds import A_FEW, BRIEF_S, FAR, MATTERS, MOST, SELDOM, SEVERAL
 from simgap.late import sympy as sp
 from simgap.model.symbolic import Coordinate, SymbolicModel, symbol
-from simgap.notation import from_to
+from simgap.notation import from_to, pretty_unit
 from simgap.units import full_turn
 
 
@@ -224,10 +224,11 @@ def _has_sine(model: SymbolicModel, name: str) -> bool:
 def _limits(channels: tuple[ChannelLook, ...]) -> Iterator[str]:
     for c in channels:
         if c.at_limit > A_FEW:
+            ends = f"{c.lowest:.3g} to {c.highest:.3g} {pretty_unit(c.unit)}".rstrip()
             yield (
                 f"input {c.name} sits at its extreme {100 * c.at_limit:.0f} % of the time "
-                f"({c.lowest:.3g} to {c.highest:.3g} {c.unit}): if this is a command that a drive then limits, "
-                f"the plant felt less"
+                f"({ends}): if this is a command that a drive then limits, the plant "
+                "felt less"
             )
 
 

@@ -192,7 +192,7 @@ def _nothing_left(notes: Sequence[FileNotes], section: MeasuredSection) -> UserE
     cut = f", after {masked} rows were masked" if masked else ""
     return UserError(
         f"no trace is as long as a window of {section.window_s:g} s"
-        f" ({sum(n.short_pieces for n in notes)} shorter pieces dropped{cut})",
+        f" ({_count(sum(n.short_pieces for n in notes), 'shorter piece')} dropped{cut})",
         file=notes[0].file,
         key="measured.window_s",
         remedy="Record longer, shorten measured.window_s, or correct measured.time.unit, gap_s or the masks.",

@@ -79,10 +79,10 @@ _RUNS_AWAY = (
     "{:.0f}, so that no start can be fitted."
 )
 _NO_COORDINATES = (
-    "The equations declare no coordinates: friction, springs and other forces on the motion are not sought. Name the "
-    "degrees of freedom under plant.symbolic.coordinates, and their mass_matrix where one moves another. Where a speed "
-    "alone is modelled, add its position as a state; it need not be measured."
+    "The equations declare no coordinates (plant.symbolic.coordinates): friction, springs and other forces on the "
+    "motion are not sought. Where a speed alone is modelled, add its position as a state; it need not be measured."
 )
+_OF_MOTION = {"m", "m/s", "rad", "rad/s"}
 
 _NO_PLACE = "{} was named and not sought: it has no place in this model, as it needs {}."
 
@@ -119,7 +119,8 @@ def parts_of(model: SymbolicModel, record: Record, settings: DiagnosisSettings) 
         every = build_problem(compiled, record, windows, sigma, readings.weight)
     said = (*said, _RUNS_AWAY.format(length, cut, GROWTH**2)) if length < cut else said
     every = settled(every)
-    if model.wheels is None and not model.coordinates:
+    moves = any(model.units[name] in _OF_MOTION for name in model.state_names)
+    if moves and model.wheels is None and not model.coordinates:
         said = (*said, _NO_COORDINATES)
     named = [EFFECTS[n] for n in settings.effects if n in EFFECTS]
     said = (*said, *(_NO_PLACE.format(e.name, e.needs) for e in named if not e.targets(model)))

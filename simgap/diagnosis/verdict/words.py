@@ -164,11 +164,16 @@ def _of(document: Document, state: str) -> str:
 
 def _unexplained(document: Document) -> list[str]:
     """What comes nearest and why it is not named, then where to look."""
-    asked = joined([e.name for e in EFFECTS.values() if e.by_name], "or")
-    seek = (
-        "a force that was not measured, noise that is correlated over time, a column that is not what the case says, "
-        f"a mechanism outside the library, or one that is sought only where measured.effects names it ({asked})"
-    )
+    tried = {c["name"] for c in document["candidates"]}
+    unasked = [
+        e.name for e in EFFECTS.values() if e.by_name and e.name not in tried and (e.contains or e).name in tried
+    ]
+    places = [
+        "a force that was not measured", "noise that is correlated over time",
+        "a column that is not what the case says", "a mechanism outside the library",
+        *(f"{name}, which is sought where measured.effects names it" for name in unasked),
+    ]  # fmt: skip
+    seek = joined(places, "or")
     near, over = document.get("nearest"), document.get("left_over")
     if near is not None:
         effects, most = near["effects"], document.get("at_most")
