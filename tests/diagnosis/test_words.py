@@ -334,3 +334,13 @@ def test_a_fault_that_was_fitted_is_no_surer_than_the_verdict(verdict, begins):
     text = said(document(verdict, [FRICTION], recording=[lost, drifts]))
     assert "About the recording: Rows are missing." in text
     assert f"About the recording{begins} recording has a sensor of q that drifts" in text
+
+
+@pytest.mark.parametrize(
+    ("tried", "told"),
+    [(["dahl_friction"], True), (["dahl_friction", "lugre_friction"], False), (["input_gain"], False)],
+)
+def test_what_is_sought_by_name_alone_is_told_where_it_could_be(tried, told):
+    """A heater has no friction, and who has named an effect need not be told to."""
+    document = {"verdict": "unexplained", "effects": [], "candidates": [{"name": name} for name in tried]}
+    assert ("lugre_friction" in said(document)) is told

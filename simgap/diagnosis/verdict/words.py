@@ -164,7 +164,7 @@ def _of(document: Document, state: str) -> str:
 
 def _unexplained(document: Document) -> list[str]:
     """What comes nearest and why it is not named, then where to look."""
-    tried = {c["name"] for c in document["candidates"]}
+    tried = {c["name"] for c in document.get("candidates", ())}
     unasked = [
         e.name for e in EFFECTS.values() if e.by_name and e.name not in tried and (e.contains or e).name in tried
     ]
