@@ -229,13 +229,14 @@ def nearest(
 def confirmed(parts: Parts, chosen: Chosen, horizon_s: float) -> tuple[Chosen, Evidence]:
     """The set and what *confirm* says of it; where that leaves doubt and halves disagree on a part, a smaller one.
 
-    If none of these comes down to the noise, nothing is surely at it: sets compete by what they predict, as above it.
+    If no smaller one at the noise is steady, nothing is surely at it: sets compete by what they predict, as above it.
     """
     declared = judge(parts.confirm, chosen.base.theta, horizon_s)
     evidence = _evidence(parts, chosen, declared, horizon_s)
     if chosen.at_floor and not evidence.agree:
         less = _steadier(parts.known, chosen.full, chosen.kept)
-        chosen = chosen.competing() if less is None else chosen.less(less)
+        if less is not None or not chosen.search.watch.stopped:
+            chosen = chosen.competing() if less is None else chosen.less(less)
         evidence = _evidence(parts, chosen, declared, horizon_s)
     return chosen, evidence
 

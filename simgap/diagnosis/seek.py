@@ -175,15 +175,6 @@ def on_its_step(under: Hypothesis) -> Hypothesis:
     return under
 
 
-def past_the_unknown(under: Hypothesis) -> Hypothesis | None:
-    """The search again without the samples on which commands from outside the record act; None where none do."""
-    known, theta = under.parts.known, under.found.fit.theta
-    reach, late = known.reach(theta), known.ahead(theta)
-    if late <= 0.0 and reach <= known.reach(known.model.null):
-        return None
-    return under.on(under.parts.past_the_unknown(reach).changed(lambda p: p.before_the_end(late)))
-
-
 def explained_by_one(start: Hypothesis) -> bool:
     """Whether the model as declared or with one effect more is down to the noise."""
     return bool(looked_again(start.watch, lambda: explained_by_one_more(start.search, start.found)))
@@ -242,7 +233,9 @@ def _grown_from(under: Hypothesis, most: int, pairs: int) -> Hypothesis:
 
     def look() -> Explanation:
         known = search.explain(found.members, found.fit.theta, found.fit) if found.members else search.empty(base)
-        leap(search.near(known), base, pairs)
+        near = replace(search.near(known), ends=dict(search.ends), tried=dict(search.tried))
+        leap(near, base, pairs)
+        search.tried |= near.finished()
         return preferred(search, grow(search, known, most, finer=False), most)
 
     return replace(under, found=looked_again(search.watch, look) or best_so_far(search, base, most))

@@ -150,11 +150,6 @@ class EffectParameter:
     may_vanish: bool = False
     times: float = 1.0
 
-    @property
-    def is_ratio(self) -> bool:
-        """Whether it is fitted, and true over declared."""
-        return self.null == 1.0 and not self.integer
-
     def widened(self, interval: tuple[float, float]) -> tuple[float, float]:
         """An interval of the fit as one of the truth."""
         lo, hi = interval
@@ -289,6 +284,10 @@ class Effect(ABC):
     def canonical(self, values: Mapping[str, float]) -> dict[str, float]:
         """The same effect with values as they are reported, such as an angle within half a turn."""
         return dict(values)
+
+    def ratios(self, values: Mapping[str, float]) -> tuple[float, ...]:
+        """Those of the values that are true over declared, which a column in another unit would make large or small."""
+        return tuple(values[p.symbol] for p in self.parameters if p.symbol.startswith("ratio") and p.null == 1.0)
 
     def phrase(self, on: str) -> str:
         """A noun phrase without numbers: 'viscous friction at the hinge'."""

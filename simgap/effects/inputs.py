@@ -233,6 +233,10 @@ class InputCurve(StaticInputEffect):
         names = ("g_0", "g_1", "g_2")
         return (Start(3, lambda c: {"U": scales.command} | {n: 1.0 + v for n, v in zip(names, c, strict=True)}),)
 
+    def ratios(self, values: Mapping[str, float]) -> tuple[float, ...]:
+        """The largest slope: small commands, or large ones, may do nothing."""
+        return (max(values["g_0"], values["g_1"], values["g_2"]),)
+
     def applied(self, command: sp.Expr, values: Values) -> sp.Expr:
         """The integral of the slope, piece by piece."""
         half, size = values["U"] / 2, sp.Abs(command)

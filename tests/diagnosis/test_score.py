@@ -13,8 +13,10 @@ from simgap.diagnosis import choosing, conclude
 from simgap.diagnosis import diagnose as diagnosing
 from simgap.diagnosis.choosing import Chosen
 from simgap.diagnosis.conclude import is_borne_out
+from simgap.diagnosis.search.watch import Watch
 from simgap.diagnosis.verdict.score import Errors, gained
 from simgap.diagnosis.verdict.sets import density_of_choice, plausible, preferred_of
+from simgap.effects import EFFECTS
 
 
 def _errors(rng: np.random.Generator, scale: float, pushes: np.ndarray, blocks: int = 40, each: int = 25) -> Errors:
@@ -97,8 +99,7 @@ def hypothesis(monkeypatch):
     monkeypatch.setattr(diagnosing._Sought, "choice", property(lambda own: own.under.choice))
 
     def made(predicted, *, sigma=1.0, factor=1.0, heard=1.0, ratio=1.0):
-        gain = SimpleNamespace(parameters=[SimpleNamespace(is_ratio=True)])
-        member = SimpleNamespace(effect=gain, slots=[0])
+        member = SimpleNamespace(effect=EFFECTS["input_gain"], values=lambda theta: {"ratio": theta[0]})
         put = SimpleNamespace(members=[member], fit=SimpleNamespace(theta=np.array([ratio])))
         held = [(None, SimpleNamespace(sigma=np.array([sigma])))]
         choice = SimpleNamespace(predicted=np.asarray(predicted), kept=put, held=lambda: held)
@@ -149,12 +150,19 @@ def test_a_ratio_beyond_belief_gives_way_to_what_predicts_as_well(hypothesis):
     assert not _is_taken(hypothesis(own, ratio=40.0), hypothesis(worse))
 
 
-@pytest.mark.parametrize(("ratios", "believed"), [((0.0, 1.2, 1.1), True), ((900.0, 1000.0, 950.0), False)])
-def test_a_curve_is_believed_by_its_largest_ratio(ratios, believed):
-    """It may begin with no gain at all; a column in another unit makes all of it large."""
-    curve = SimpleNamespace(parameters=[SimpleNamespace(is_ratio=True)] * 3)
-    member = SimpleNamespace(effect=curve, slots=[0, 1, 2])
-    assert plausible(SimpleNamespace(members=[member], fit=SimpleNamespace(theta=np.array(ratios)))) is believed
+@pytest.mark.parametrize(
+    ("name", "values", "believed"),
+    [
+        ("input_curve", {"g_0": 0.0, "g_1": 1.2, "g_2": 1.1, "U": 9.0}, True),  # small commands may do nothing
+        ("input_curve", {"g_0": 900.0, "g_1": 1000.0, "g_2": 950.0, "U": 9.0}, False),  # a column in another unit
+        ("input_directional_gain", {"ratio_p": 1.1, "ratio_m": 0.02}, False),
+        ("input_saturation", {"limit": 900.0}, True),
+    ],
+)
+def test_an_effect_is_believed_by_its_ratios(name, values, believed):
+    member = SimpleNamespace(effect=EFFECTS[name], values=lambda theta: values)
+    put = SimpleNamespace(members=[member], fit=SimpleNamespace(theta=np.zeros(1)))
+    assert plausible(put) is believed
 
 
 @pytest.mark.parametrize(("smaller", "put"), [("steady", "a part"), (None, "what predicts best")])
@@ -163,7 +171,7 @@ def test_where_halves_disagree_on_what_is_at_the_noise_sets_compete(smaller, put
     monkeypatch.setattr(conclude, "_steadier", lambda *_: smaller)
     monkeypatch.setattr(conclude, "_evidence", lambda parts, chosen, *_: SimpleNamespace(agree=chosen == put))
     at_noise = SimpleNamespace(
-        at_floor=True, full=None, kept=None, base=SimpleNamespace(theta=None),
+        at_floor=True, full=None, kept=None, base=SimpleNamespace(theta=None), search=SimpleNamespace(watch=Watch()),
         less=lambda _: "a part", competing=lambda: "what predicts best",
     )  # fmt: skip
     chosen, evidence = conclude.confirmed(SimpleNamespace(confirm=None, known=None), at_noise, 0.2)

@@ -80,7 +80,7 @@ def test_a_set_that_fits_as_well_or_clearly_better_than_the_answer_is_called_so(
     (said,) = contested([near], answer)
     assert "a spring at the hinge, fits as well (BIC -5.0)" in said
     (said,) = contested([near, Rival(fitted("friction", 83.0), False, True)], answer)
-    assert "friction at the hinge, fits better (BIC lower by 17)" in said
+    assert "friction at the hinge, fits the fitted data better (BIC lower by 17)" in said
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from simgap.diagnosis.simulation.initial import initial_states, runs_away
 from simgap.diagnosis.simulation.parts import parts_of
 from simgap.diagnosis.simulation.problem import build_problem
 from simgap.diagnosis.simulation.refit import begun_afresh, refit, stand_out
+from simgap.diagnosis.simulation.sensitivity import state_columns, state_steps
 from simgap.diagnosis.simulation.supermodel import cached_supermodel
 from simgap.late import sympy as sp
 from simgap.model.symbolic import Coordinate, Parameter, SymbolicModel, Variable, symbol
@@ -184,6 +185,21 @@ def test_a_stop_on_a_finer_step_leaves_the_answer_before_it(monkeypatch):
     monkeypatch.setattr(Watch, "step", stopped)
     assert under.found.members
     assert seek.on_its_step(under) is under
+
+
+@pytest.mark.parametrize(("slope", "off"), [(1e8, 1e-3), (1e5, 0.1)])
+def test_a_window_that_bends_within_a_step_takes_a_shorter_one(slope, off):
+    """Of x + 1e6 x^2 a step of 1e-7 from 0 is off by a tenth: by ten noises, and by a hundredth of one."""
+    t = np.arange(200) * DT
+    record = Record((Trace("run", t, np.zeros((200, 1)), np.zeros((200, 1))),), ("q",), ("u",))
+    problem = parts_of(on_a_line(lambda q, v, u: u), record, DiagnosisSettings(window_s=0.2))[0].known
+    x0 = np.zeros((len(problem.windows), 2))
+
+    def missed(at, theta, x):
+        return -slope * np.repeat(x[:, 0] + 1e6 * x[:, 0] ** 2, np.diff(at.rows))[:, None]
+
+    _, columns = state_columns(problem, problem.model.null, x0, state_steps(x0), missed)
+    assert columns[0] == pytest.approx(slope * (1.0 + off))
 
 
 def test_an_effect_that_was_named_and_has_no_place_is_said():

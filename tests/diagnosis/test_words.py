@@ -338,7 +338,7 @@ def test_a_fault_that_was_fitted_is_no_surer_than_the_verdict(verdict, begins):
 
 @pytest.mark.parametrize(
     ("tried", "told"),
-    [(["dahl_friction"], True), (["dahl_friction", "lugre_friction"], False), (["input_gain"], False)],
+    [(["viscous_friction"], True), (["viscous_friction", "lugre_friction"], False), (["input_gain"], False)],
 )
 def test_what_is_sought_by_name_alone_is_told_where_it_could_be(tried, told):
     """A heater has no friction, and who has named an effect need not be told to."""

@@ -111,6 +111,10 @@ class Search:
         """The same search for what is to come near a set: no other fit is ended."""
         return replace(self, limit=min(self.limit, NEAR * known.fit.chi2))
 
+    def finished(self) -> dict[tuple[frozenset[Key], tuple[float, ...]], Explanation]:
+        """What was tried and not given up."""
+        return {k: e for k, e in self.tried.items() if e.fit.converged or e.fit.chi2 <= self.limit}
+
     def _in_sight(self) -> float:
         """The largest chi^2 that serves."""
         reached = (e.fit.chi2 for e in self.tried.values() if e.physical and self.reached(e))

@@ -24,6 +24,9 @@ _VISIBLE = 1e-14
 states would do. Of an offset of the position of a mass that slides freely 2e-19 was left and less (rounding; positions
 about 0 and about 1000 m), with a spring that swings it once in 15 minutes 3.5e-12 (a record of 10 s): tests/diagnosis/
 test_names.py."""
+_BENDS, _SHORTER = 3.0, 1e-2
+"""Of the noise, and of a step. Two links that whirl multiply an initial speed by 650 within a second: a step of 1e-6
+moved readings by 14 of their noise, and no fit settled."""
 _FIRST_STEP, _STEPS = 1e-4, (1e-10, 1e-2)  # of a difference: the one that is tried first, and how far it may go
 _TARGET_RESPONSE = 0.001  # of the noise, root mean square
 _JERKED_RESPONSE = 0.2
@@ -149,22 +152,28 @@ def chunks(problem: Problem) -> Iterator[slice]:
 
 
 def state_steps(x0: Floats) -> Floats:
-    """Difference steps for the initial states, (nx,).
-
-    Two links that whirl multiply one by 650 within a second: at 1e-6 the columns were wrong, and no fit settled.
-    """
-    return 1e-8 * (0.1 + np.abs(x0).max(axis=0))
+    """Difference steps for the initial states, (nx,)."""
+    return 1e-6 * (0.1 + np.abs(x0).max(axis=0))
 
 
 def state_columns(
     problem: Problem, theta: Floats, x0: Floats, steps: Floats, missed: Missed = Problem.residuals
 ) -> tuple[Floats, Floats]:
     """What is missed (rows, k) from initial states (w, nx), and what each of their numbers does to the predictions,
-    (nx, rows, k), by differences of `steps` (nx,): one pass over all windows, shifted and not."""
+    (nx, rows, k), by differences of `steps` (nx,): one pass over all windows, shifted and not.
+
+    Where a step moves a reading by more than `_BENDS`, a window may bend within it: there by much shorter ones.
+    """
     nx, k = x0.shape[1], problem.y.shape[1]
     shifts = np.vstack([np.zeros(nx), np.diag(steps)])
     all_of_them = missed(problem.shifted, theta, (x0 + shifts[:, None]).reshape(-1, nx)).reshape(nx + 1, -1, k)
-    return all_of_them[0], (all_of_them[0] - all_of_them[1:]) / steps[:, None, None]
+    moved = all_of_them[0] - all_of_them[1:]
+    columns, largest = moved / steps[:, None, None], np.abs(moved).max(axis=(0, 2), initial=0.0)
+    most = np.maximum.reduceat(largest, problem.rows[:-1])
+    if (wild := (most > _BENDS) & (most * _SHORTER <= _BENDS)).any():
+        part, which = problem.on(problem.windows.pick(wild)), np.repeat(wild, np.diff(problem.rows))
+        columns[:, which] = state_columns(part, theta, x0[wild], _SHORTER * steps, missed)[1]
+    return all_of_them[0], columns
 
 
 def linearise(problem: Problem, theta: Floats, x0: Floats, directions: Sequence[Direction]) -> Linearised:

@@ -294,8 +294,8 @@ def contested(others: Sequence[Rival], found: Explanation) -> tuple[str, ...]:
     best = min((r.explanation for r in others), key=lambda e: e.bic, default=found)
     if found.bic - best.bic >= BIC_GAIN:
         return (
-            f"{named(best)} fits better (BIC lower by {found.bic - best.bic:.0f}), but not on the data "
-            "that choose, or it was found after the choice.",
+            f"{named(best)} fits the fitted data better (BIC lower by {found.bic - best.bic:.0f}): it predicts the "
+            "others no better, or was found after the choice.",
         )
     close = [
         r.explanation for r in others
@@ -306,5 +306,5 @@ def contested(others: Sequence[Rival], found: Explanation) -> tuple[str, ...]:
         return ()
     best = min(close, key=lambda e: e.bic)
     more = best.bic - found.bic
-    nearly, aside = "nearly " * (more > AS_GOOD), " but for one window" * (more > BIC_GAIN)
-    return (f"{named(best)} fits {nearly}as well{aside} (BIC {more:+.1f}): these data do not decide.",)
+    how = "as well, one window aside" if more > BIC_GAIN else "nearly as well" if more > AS_GOOD else "as well"
+    return (f"{named(best)} fits {how} (BIC {more:+.1f}): these data do not decide.",)

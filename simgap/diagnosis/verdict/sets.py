@@ -198,15 +198,10 @@ def _takes_most(search: Search, e: Explanation) -> bool:
 
 
 def plausible(e: Explanation) -> bool:
-    """Whether no ratio of true to declared, of an effect with several the largest, is beyond belief.
-
-    Off the noise floor such a fit bends the model to a force that it lacks, or a column is in another unit.
-    """
-    sizes = [
-        max((abs(e.fit.theta[k]) for p, k in zip(c.effect.parameters, c.slots, strict=True) if p.is_ratio), default=1.0)
-        for c in e.members
-    ]
-    return all(1.0 / PLAUSIBLE_RATIO <= size <= PLAUSIBLE_RATIO for size in sizes)
+    """Whether no ratio of true to declared is beyond belief: off the noise floor such a fit bends the model to a force
+    that it lacks, or a column is in another unit."""
+    ratios = [r for c in e.members for r in c.effect.ratios(c.values(e.fit.theta.tolist()))]
+    return all(1.0 / PLAUSIBLE_RATIO <= abs(r) <= PLAUSIBLE_RATIO for r in ratios)
 
 
 def trials(known: Problem, windows: Windows, together: int) -> tuple[Trial, ...]:
@@ -270,8 +265,7 @@ def transferable(
     first, *others = preferred_of(densities, counts, bic, among, beyond)
     rivals = [sets[k] for k in others if steady and k not in beyond and not sets[first].keys < sets[k].keys]
     predicted = density_of_choice(densities, counts, bic, among, beyond)
-    ended = {k: e for k, e in wider.tried.items() if e.fit.converged or e.fit.chi2 <= wider.limit}
-    whole = replace(wider, limit=math.inf, ends=search.ends, tried=ended)
+    whole = replace(wider, limit=math.inf, ends=search.ends, tried=wider.finished())
     return Carried(whole, sets[first], tuple(rivals), bool(steady), densities[0], predicted)
 
 

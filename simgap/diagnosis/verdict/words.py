@@ -165,9 +165,8 @@ def _of(document: Document, state: str) -> str:
 def _unexplained(document: Document) -> list[str]:
     """What comes nearest and why it is not named, then where to look."""
     tried = {c["name"] for c in document.get("candidates", ())}
-    unasked = [
-        e.name for e in EFFECTS.values() if e.by_name and e.name not in tried and (e.contains or e).name in tried
-    ]
+    kinds = {EFFECTS[name].kind for name in tried if name in EFFECTS}
+    unasked = [e.name for e in EFFECTS.values() if e.by_name and e.name not in tried and e.kind in kinds]
     places = [
         "a force that was not measured", "noise that is correlated over time",
         "a column that is not what the case says", "a mechanism outside the library",
