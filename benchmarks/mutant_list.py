@@ -166,7 +166,7 @@ MUTANTS: list[Mutant] = [
         ("erosions begin where the set changed", "start = r - widest + 1", "start = r"),
         ("the swept box may leave the slab", "0 <= q // words + clear_rows < rows", "True"),
         ("free cells are not looked at", "if word and clear_at >= 0:", "if word and clear_at < -1:"),
-        ("a slab's neighbours are forgotten", "out[q] &= row[q]", "out[q] |= row[q]"),
+        ("a slab's neighbours are forgotten", "out[q] & won[slab, q]", "out[q] | won[slab, q]"),
         (
             "only the first input of equal moves is noted",
             "range(inputs_from[v], inputs_from[v + 1])",
