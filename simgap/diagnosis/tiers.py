@@ -91,7 +91,7 @@ def second(first: Hypothesis, wide: Hypothesis | None) -> Hypothesis | None:
         trial = (wide or _begun(first)) if off else _begun(first, few=(*sorted(_names(found)), *likes))
         search = trial.search
         known = taken_over(search, trial.base, found)
-        options = _in_the_place(search, known)
+        options = _in_the_place(search.near(known), known)
         if off:
             options += search.joined(search.empty(trial.base), exclude=_first(search))
             options += search.joined(known, _first(search)) if known.members else []

@@ -12,6 +12,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -19,19 +20,19 @@ from simgap.arrays import Floats
 from simgap.diagnosis.record.faults.columns import SwappedColumns, WrongSign, WrongUnit
 from simgap.diagnosis.record.record import Record, exchanged
 from simgap.diagnosis.result import RecordingFault
-from simgap.diagnosis.search.fit import Fit, fit
+from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Memo, Problem
-from simgap.diagnosis.simulation.refit import window_chi2
-from simgap.diagnosis.simulation.sensitivity import choose_steps
-from simgap.diagnosis.simulation.step_length import settled
+from simgap.diagnosis.simulation.refit import refit, window_chi2
+from simgap.diagnosis.simulation.sensitivity import choose_steps, linearise, promised, slot_direction, with_values
+from simgap.diagnosis.simulation.step_length import resolved
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import FAR, MOST, OUT_OF_SIGHT, PLAUSIBLE_RATIO
 from simgap.notation import joined
 
 _OWN_GAIN = np.sqrt(2.0 * np.pi)  # half the way, as a ratio, to the nearest other unit: turns for radians
 _DESCENTS = 10  # linearisations of a fit that need not settle
-_FIRST_DESCENTS, _HOPELESS = 3, 20.0  # after so many, what misses by so many times what may be missed is given up
+_HALVINGS = 3  # of the integration step
 _THOUSANDS = (("a thousandth of the declared unit", 1e-3), ("a thousand times the declared unit", 1e3))
 
 
@@ -102,17 +103,17 @@ def better_columns(problem: Problem, within: Mapping[str, tuple[float, float]]) 
     Readings `within` the range where the plant works, state -> (least, largest), are not led out of it.
     """
     part, _ = problem.some()
-    alone = _missed(part, np.inf)
-    if alone < OUT_OF_SIGHT:
+    own = _begun(part, np.inf)
+    if (alone := own.left) < OUT_OF_SIGHT:
         return None
     far = OUT_OF_SIGHT * alone
     options = [option for option in _options(problem) if not option.leads_out(problem, within)]
-    tried = [(option, _missed(option.applied(part), far)) for option in options]
-    bar = _missed_beside_effects(part, np.inf, PLAUSIBLE_RATIO)  # as they are: with what the search may find
-    best, near = _best(part, tried, bar / OUT_OF_SIGHT), [option for option, left in tried if left <= far]
+    begun = [(option, _begun(option.applied(part), far)) for option in options]
+    tried = [(option, trial.left) for option, trial in begun]
+    bar = _beside_effects(own, np.inf, PLAUSIBLE_RATIO)  # as they are: with what the search may find
+    best = _best(part, tried, bar / OUT_OF_SIGHT)
     if (best is None or best.reverses) and bar >= OUT_OF_SIGHT:
-        hopeless = _HOPELESS * bar / OUT_OF_SIGHT
-        beside = [(option, _missed_beside_effects(option.applied(part), hopeless)) for option in near]
+        beside = [(option, _beside_effects(trial, bar / FAR)) for option, trial in begun if trial.left <= far]
         best = _best(part, beside, bar / OUT_OF_SIGHT) or _unsure(_best(part, beside, bar / FAR))
     best = best or _unsure(_best(part, tried, alone / FAR))
     return _unsure(best) if best is not None and best.reverses else best
@@ -126,7 +127,7 @@ def _best(part: Problem, tried: Sequence[tuple[Columns, float]], bar: float) -> 
     """The best of what was tried, with what does as well in its words; None where none misses by less than the bar."""
     best, least = None, bar / MOST
     for option, left in tried:
-        if left < MOST * min(least, _missed_without_plant(part, option)):
+        if left < MOST * least and left < MOST * _missed_without_plant(part, option):
             best, least = option, left  # a linear plant: input or reading, one and the same: the first
     return best and best.beside([option for option, left in tried if option is not best and left < least / MOST])
 
@@ -140,56 +141,73 @@ def _missed_without_plant(part: Problem, option: Columns) -> float:
     if not (small.any() or large.any()):
         return np.inf
     beyond = replace(option, u=np.where(small, 0.0, option.u), y=np.where(large, 1e3 * option.y, option.y))
-    return _missed(beyond.applied(part), 0.0)
+    return _begun(beyond.applied(part), 0.0).left
 
 
-def _missed(part: Problem, far: float) -> float:
-    """chi^2/dof of the declared model, initial states fitted; by shorter steps only if it misses by less than `far`.
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """A few windows with the initial states (w, nx) that suit theta (q,), of which so many are free."""
+
+    part: Problem
+    theta: Floats
+    x0: Floats
+    free: int = 0
+
+    @cached_property
+    def left(self) -> float:
+        """chi^2/dof of the window in the middle: a wrong column shows in all, and a model that runs away in some."""
+        return self.of(window_chi2(self.part, self.theta, self.x0), self.free)
+
+    def of(self, chi2: Floats, free: int) -> float:
+        """The same of other sums of squares (w,) and another number of free parameters."""
+        share = (self.part.size - self.part.taken - free) / self.part.size
+        return float(np.median(chi2 / self.part.counts)) / max(share, 1.0 / self.part.size)
+
+
+def _begun(part: Problem, far: float) -> _Trial:
+    """The declared model, initial states fitted; by shorter steps where these matter to what misses by less than `far`.
 
     Readings a thousand times too large, as speeds, would take the shortest of steps, and miss all the same.
     """
-    at = fit(part, part.model.null, initial_states(part), [], {})
-    fine = part if _per_number(part, at) > far else settled(part)
-    if fine.h_max < part.h_max:
-        at = fit(fine, fine.model.null, initial_states(fine), [], {})
-    return _per_number(part, at)
+    null, useless = part.model.null, far * part.counts
+    trial = _Trial(part, null, refit(part, null, initial_states(part), useless=useless).x0)
+    for _ in range(_HALVINGS):
+        if trial.left > far or resolved(part, null, trial.x0):
+            break
+        part = replace(part, h_max=part.h_max / 2)
+        trial = _Trial(part, null, refit(part, null, trial.x0, useless=useless).x0)
+    return trial
 
 
-def _missed_beside_effects(part: Problem, hopeless: float, far: float = _OWN_GAIN) -> float:
-    """The same with friction and biases that are free, and gains where they stay nearer to what is declared than `far`.
+def _beside_effects(trial: _Trial, most: float, far: float = _OWN_GAIN) -> float:
+    """What is left with friction and biases that are free, and gains where they stay nearer to what is declared than
+    `far`.
 
-    A gain far from it, or reversed, would be another unit or sign by another name. What still misses by more than
-    `hopeless` after the first few steps of a fit is not fitted on: the right columns are near their end by then.
+    A gain far from it, or reversed, would be another unit or sign by another name. Nothing is fitted where the linear
+    problem leads there, or leaves more than `most`.
     """
-    part = settled(part)
-    at = fit(part, part.model.null, initial_states(part), [], {})
+    part, theta, x0 = trial.part, trial.theta, trial.x0
     every = [c for c in part.model.candidates if c.effect.hides_columns]
     gains = [c for c in every if c.effect.parameters[0].null == 1.0]
     for free in (every, [c for c in every if c not in gains]):
         slots = [k for c in free for k in c.slots]
-        steps = choose_steps(part, at.theta, at.x0, slots)
-        if np.isfinite(hopeless):
-            soon = fit(part, at.theta, at.x0, slots, steps, _FIRST_DESCENTS, rounds=1)
-            if not _near_declared(gains, soon, far):
-                continue
-            if not _per_number(part, soon) <= hopeless:
-                return min(_per_number(part, soon), _per_number(part, at))
-        beside = fit(part, at.theta, at.x0, slots, steps, _DESCENTS)
-        if _near_declared(gains, beside, far):
-            return min(_per_number(part, beside), _per_number(part, at))
-    return _per_number(part, at)
+        steps = choose_steps(part, theta, x0, slots)
+        linear = linearise(part, theta, x0, [slot_direction(part, theta, k, steps[k]) for k in slots])
+        step = promised(linear.gram, linear.gradient)[1]
+        if trial.of(linear.foreseen(step), len(slots)) > most:
+            break
+        if not _near_declared(gains, with_values(theta, dict(zip(slots, theta[slots] + step, strict=True))), far):
+            continue
+        at = fit(part, theta, x0, slots, steps, _DESCENTS)
+        if _near_declared(gains, at.theta, far):
+            return min(_Trial(part, at.theta, at.x0, len(slots)).left, trial.left)
+    return trial.left
 
 
-def _near_declared(gains: Sequence[Candidate], at: Fit, far: float) -> bool:
+def _near_declared(gains: Sequence[Candidate], theta: Floats, far: float) -> bool:
     """Whether each gain is so near to what is declared; one that may be far may be reversed too."""
-    values = [float(at.theta[c.slots[0]]) for c in gains]
+    values = [float(theta[c.slots[0]]) for c in gains]
     return all(1.0 / far <= (g if far <= _OWN_GAIN else abs(g)) <= far for g in values)
-
-
-def _per_number(part: Problem, at: Fit) -> float:
-    """chi^2/dof of the window in the middle: a wrong column shows in all, and a model that runs away in some."""
-    free = (part.size - part.taken - len(at.slots)) / part.size
-    return float(np.median(window_chi2(part, at.theta, at.x0) / part.counts)) / max(free, 1.0 / part.size)
 
 
 def _options(problem: Problem) -> Iterator[Columns]:
