@@ -69,12 +69,14 @@ def refit_from_all(problem: Problem, theta: Floats, x0: Floats) -> Refit:
 
 
 def stand_out(problem: Problem, theta: Floats, chi2: Floats) -> Bools:
-    """Windows (w,) whose chi^2 stands out of the others' by more than white noise does; gross errors may, in fewer than
-    half of a window's readings: where most are, the fit follows what is disturbed."""
+    """Windows (w,) whose chi^2 stands out of the others' by more than these scatter, or white noise does; gross errors
+    may, in fewer than half of a window's readings: where most are, the fit follows what is disturbed."""
     size = chi2 / problem.counts
     if problem.usual is not None and not problem.model.rubs(theta):
         return np.asarray(size > 0.5 * LIMIT**2 * np.mean(np.square(problem.spread)))
-    return np.asarray(size > np.median(size) * (1.0 + NEAR * np.sqrt(2.0 / problem.counts)))
+    away = np.log(np.maximum(size, 1e-300) / np.maximum(np.median(size), 1e-300))
+    scatter = np.maximum(np.sqrt(2.0 / problem.counts), 1.4826 * np.median(np.abs(away)))
+    return np.asarray(away > np.log1p(NEAR * scatter))
 
 
 def begun_afresh(problem: Problem, theta: Floats, best: Refit, which: Bools) -> Refit:
