@@ -87,7 +87,10 @@ class Outcomes:
 
     def pytest_runtest_logreport(self, report):
         file = ROOT / report.nodeid.partition("::")[0]
-        (self.failed if report.failed else self.passed).add(file)
+        if report.failed:
+            self.failed.add(file)
+        elif report.passed and report.when == "call":  # a file of which every test was skipped has passed nothing
+            self.passed.add(file)
 
     def pytest_sessionfinish(self):
         stale.record(self.passed - self.failed, self.failed)

@@ -22,17 +22,17 @@ from simgap.diagnosis.record.record import Record, exchanged
 from simgap.diagnosis.result import RecordingFault
 from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.simulation.initial import initial_states
-from simgap.diagnosis.simulation.problem import Memo, Problem
+from simgap.diagnosis.simulation.problem import FARTHEST, Memo, Problem
 from simgap.diagnosis.simulation.refit import refit, window_chi2
 from simgap.diagnosis.simulation.sensitivity import choose_steps, linearise, promised, slot_direction, with_values
 from simgap.diagnosis.simulation.step_length import resolved
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import FAR, MOST, OUT_OF_SIGHT, PLAUSIBLE_RATIO
+from simgap.diagnosis.thresholds import FAR, MATTERS, MOST, OUT_OF_SIGHT, PLAUSIBLE_RATIO
 from simgap.notation import joined
 
 _OWN_GAIN = np.sqrt(2.0 * np.pi)  # half the way, as a ratio, to the nearest other unit: turns for radians
 _DESCENTS = 10  # linearisations of a fit that need not settle
-_HALVINGS = 3  # of the integration step
+_HALVINGS = 3  # of the interval of the readings, for a step
 _THOUSANDS = (("a thousandth of the declared unit", 1e-3), ("a thousand times the declared unit", 1e3))
 
 
@@ -141,41 +141,49 @@ def _missed_without_plant(part: Problem, option: Columns) -> float:
     if not (small.any() or large.any()):
         return np.inf
     beyond = replace(option, u=np.where(small, 0.0, option.u), y=np.where(large, 1e3 * option.y, option.y))
-    return _begun(beyond.applied(part), 0.0).left
+    return _fitted(beyond.applied(part)).left
 
 
 @dataclass(frozen=True, eq=False)
 class _Trial:
-    """A few windows with the initial states (w, nx) that suit theta (q,), of which so many are free."""
+    """A few windows with the initial states (w, nx) that suit theta (q,)."""
 
     part: Problem
     theta: Floats
     x0: Floats
-    free: int = 0
 
     @cached_property
     def left(self) -> float:
         """chi^2/dof of the window in the middle: a wrong column shows in all, and a model that runs away in some."""
-        return self.of(window_chi2(self.part, self.theta, self.x0), self.free)
+        return self.of(window_chi2(self.part, self.theta, self.x0))
 
-    def of(self, chi2: Floats, free: int) -> float:
-        """The same of other sums of squares (w,) and another number of free parameters."""
-        share = (self.part.size - self.part.taken - free) / self.part.size
-        return float(np.median(chi2 / self.part.counts)) / max(share, 1.0 / self.part.size)
+    def of(self, chi2: Floats) -> float:
+        """The same of other sums of squares (w,)."""
+        free = (self.part.size - self.part.taken) / self.part.size
+        return float(np.median(chi2 / self.part.counts)) / max(free, 1.0 / self.part.size)
+
+
+def _fitted(part: Problem, useless: float = np.inf) -> _Trial:
+    """The declared model, initial states fitted, while that may leave less than a useless chi^2/dof."""
+    null = part.model.null
+    return _Trial(part, null, refit(part, null, initial_states(part), useless=useless * part.counts).x0)
 
 
 def _begun(part: Problem, far: float) -> _Trial:
-    """The declared model, initial states fitted; by shorter steps where these matter to what misses by less than `far`.
+    """The same by the longest steps that do; by shorter ones than the columns as they are need only if it misses by
+    less than `far`.
 
-    Readings a thousand times too large, as speeds, would take the shortest of steps, and miss all the same.
+    Readings a thousand times too large, as speeds, would take the shortest of steps, and miss all the same; columns
+    that are wrong take shorter steps than the right ones.
     """
-    null, useless = part.model.null, far * part.counts
-    trial = _Trial(part, null, refit(part, null, initial_states(part), useless=useless).x0)
-    for _ in range(_HALVINGS):
-        if trial.left > far or resolved(part, null, trial.x0):
+    needed = part.h_max
+    least = min(needed, part.spacing * 2.0**-_HALVINGS)
+    trial, before = _fitted(replace(part, h_max=part.spacing), far), np.inf
+    while (h := trial.part.h_max) > needed or (h > least and trial.left <= far):
+        same = abs(trial.left - before) <= MATTERS * trial.left or resolved(trial.part, trial.theta, trial.x0)
+        if same and trial.left < FARTHEST**2:
             break
-        part = replace(part, h_max=part.h_max / 2)
-        trial = _Trial(part, null, refit(part, null, trial.x0, useless=useless).x0)
+        trial, before = _fitted(replace(part, h_max=h / 2), far), trial.left
     return trial
 
 
@@ -194,13 +202,13 @@ def _beside_effects(trial: _Trial, most: float, far: float = _OWN_GAIN) -> float
         steps = choose_steps(part, theta, x0, slots)
         linear = linearise(part, theta, x0, [slot_direction(part, theta, k, steps[k]) for k in slots])
         step = promised(linear.gram, linear.gradient)[1]
-        if trial.of(linear.foreseen(step), len(slots)) > most:
+        if trial.of(linear.foreseen(step)) > most:
             break
         if not _near_declared(gains, with_values(theta, dict(zip(slots, theta[slots] + step, strict=True))), far):
             continue
         at = fit(part, theta, x0, slots, steps, _DESCENTS)
         if _near_declared(gains, at.theta, far):
-            return min(_Trial(part, at.theta, at.x0, len(slots)).left, trial.left)
+            return min(_Trial(part, at.theta, at.x0).left, trial.left)
     return trial.left
 
 
