@@ -125,9 +125,9 @@ def _unsure(best: Columns | None) -> Columns | None:
 
 def _best(part: Problem, tried: Sequence[tuple[Columns, float]], bar: float) -> Columns | None:
     """The best of what was tried, with what does as well in its words; None where none misses by less than the bar."""
-    best, least = None, bar / MOST
+    best, least = None, np.inf
     for option, left in tried:
-        if left < MOST * least and left < MOST * _missed_without_plant(part, option):
+        if left < min(bar, (1.0 - MATTERS) * least) and left < MOST * _missed_without_plant(part, option):
             best, least = option, left  # a linear plant: input or reading, one and the same: the first
     return best and best.beside([option for option, left in tried if option is not best and left < least / MOST])
 
