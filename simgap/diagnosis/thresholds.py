@@ -59,8 +59,8 @@ What misses by no more than so many noises comes near it: an elastic joint or pl
 steps of a fit, which is then fitted to the end; an engine with a set of effects, which then follows. Of those of
 benchmarks/drive_library.py eight steps left 0.93 to 1.24 of the noise, of Dahl friction 980 and more. Of a Furuta
 pendulum in an engine of 10 ms steps 27 noises were left with one of two true effects, 31 with both, 182 with none. And
-so many times what white noise would show stands out: under dry friction such a window is begun afresh. Windows that had
-ended in a valley of their own stood 1.6 to 6,700 times above their best."""
+so many times what white noise would show, or windows scatter, stands out: such a window is begun afresh. Windows that
+had ended in a valley of their own stood 1.6 to 6,700 times above their best."""
 
 # What is noise, what is most, what matters, what are a few.
 

@@ -24,14 +24,14 @@ from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import FARTHEST, Memo, Problem
 from simgap.diagnosis.simulation.refit import refit, window_chi2
-from simgap.diagnosis.simulation.sensitivity import choose_steps, linearise, promised, slot_direction, with_values
+from simgap.diagnosis.simulation.sensitivity import choose_steps
 from simgap.diagnosis.simulation.step_length import resolved
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import FAR, MATTERS, MOST, OUT_OF_SIGHT, PLAUSIBLE_RATIO
 from simgap.notation import joined
 
 _OWN_GAIN = np.sqrt(2.0 * np.pi)  # half the way, as a ratio, to the nearest other unit: turns for radians
-_DESCENTS = 10  # linearisations of a fit that need not settle
+_DESCENTS, _FIRST_DESCENTS = 10, 3  # linearisations of a fit that need not settle, and of its beginning
 _HALVINGS = 3  # of the interval of the readings, for a step
 _THOUSANDS = (("a thousandth of the declared unit", 1e-3), ("a thousand times the declared unit", 1e3))
 
@@ -181,7 +181,7 @@ def _begun(part: Problem, far: float) -> _Trial:
     trial, before = _fitted(replace(part, h_max=part.spacing), far), np.inf
     while (h := trial.part.h_max) > needed or (h > least and trial.left <= far):
         same = abs(trial.left - before) <= MATTERS * trial.left or resolved(trial.part, trial.theta, trial.x0)
-        if same and trial.left < FARTHEST**2:
+        if same and trial.left < FARTHEST**2 / part.counts.max():  # one reading that diverged is no end
             break
         trial, before = _fitted(replace(part, h_max=h / 2), far), trial.left
     return trial
@@ -191,8 +191,8 @@ def _beside_effects(trial: _Trial, most: float, far: float = _OWN_GAIN) -> float
     """What is left with friction and biases that are free, and gains where they stay nearer to what is declared than
     `far`.
 
-    A gain far from it, or reversed, would be another unit or sign by another name. Nothing is fitted where the linear
-    problem leads there, or leaves more than `most`.
+    A gain far from it, or reversed, would be another unit or sign by another name. What leaves more than `most` after
+    the first few steps of a fit is not fitted on: the right columns are near their end by then.
     """
     part, theta, x0 = trial.part, trial.theta, trial.x0
     every = [c for c in part.model.candidates if c.effect.hides_columns]
@@ -200,12 +200,12 @@ def _beside_effects(trial: _Trial, most: float, far: float = _OWN_GAIN) -> float
     for free in (every, [c for c in every if c not in gains]):
         slots = [k for c in free for k in c.slots]
         steps = choose_steps(part, theta, x0, slots)
-        linear = linearise(part, theta, x0, [slot_direction(part, theta, k, steps[k]) for k in slots])
-        step = promised(linear.gram, linear.gradient)[1]
-        if trial.of(linear.foreseen(step)) > most:
-            break
-        if not _near_declared(gains, with_values(theta, dict(zip(slots, theta[slots] + step, strict=True))), far):
-            continue
+        if most < np.inf:
+            soon = fit(part, theta, x0, slots, steps, _FIRST_DESCENTS, rounds=1)
+            if not _near_declared(gains, soon.theta, far):
+                continue
+            if _Trial(part, soon.theta, soon.x0).left > most:
+                break
         at = fit(part, theta, x0, slots, steps, _DESCENTS)
         if _near_declared(gains, at.theta, far):
             return min(_Trial(part, at.theta, at.x0).left, trial.left)

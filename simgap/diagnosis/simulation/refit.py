@@ -18,7 +18,7 @@ from simgap.diagnosis.simulation.initial import at_rest, initial_states
 from simgap.diagnosis.simulation.noise_law import LIMIT, are_gross
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import chunks, state_columns, state_steps
-from simgap.diagnosis.thresholds import NEAR
+from simgap.diagnosis.thresholds import FEWEST_WINDOWS, NEAR
 
 SOONER = 10.0
 """Factor of a damping after a step that was taken, or rejected; of each further rejection in a row so much larger
@@ -69,14 +69,15 @@ def refit_from_all(problem: Problem, theta: Floats, x0: Floats) -> Refit:
 
 
 def stand_out(problem: Problem, theta: Floats, chi2: Floats) -> Bools:
-    """Windows (w,) whose chi^2 stands out of the others' by more than these scatter, or white noise does; gross errors
-    may, in fewer than half of a window's readings: where most are, the fit follows what is disturbed."""
+    """Windows (w,) whose chi^2 stands out of the others' by more than white noise does and, where there are enough,
+    they scatter; gross errors may, in fewer than half of a window's readings: where most are, the fit follows what is
+    disturbed."""
     size = chi2 / problem.counts
     if problem.usual is not None and not problem.model.rubs(theta):
         return np.asarray(size > 0.5 * LIMIT**2 * np.mean(np.square(problem.spread)))
     away = np.log(np.maximum(size, 1e-300) / np.maximum(np.median(size), 1e-300))
-    scatter = np.maximum(np.sqrt(2.0 / problem.counts), 1.4826 * np.median(np.abs(away)))
-    return np.asarray(away > np.log1p(NEAR * scatter))
+    scatter = 1.4826 * np.median(np.abs(away)) if len(size) > FEWEST_WINDOWS else 0.0
+    return np.asarray(away > np.maximum(np.log1p(NEAR * np.sqrt(2.0 / problem.counts)), NEAR * scatter))
 
 
 def begun_afresh(problem: Problem, theta: Floats, best: Refit, which: Bools) -> Refit:
