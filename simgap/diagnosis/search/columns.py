@@ -128,7 +128,7 @@ def _best(part: Problem, tried: Sequence[tuple[Columns, float]], bar: float) -> 
     best, least = None, np.inf
     for option, left in tried:
         if left < min(bar, (1.0 - MATTERS) * least) and left < MOST * _missed_without_plant(part, option):
-            best, least = option, left  # a linear plant: input or reading, one and the same: the first
+            best, least = option, left
     return best and best.beside([option for option, left in tried if option is not best and left < least / MOST])
 
 
@@ -155,12 +155,9 @@ class _Trial:
     @cached_property
     def left(self) -> float:
         """chi^2/dof of the window in the middle: a wrong column shows in all, and a model that runs away in some."""
-        return self.of(window_chi2(self.part, self.theta, self.x0))
-
-    def of(self, chi2: Floats) -> float:
-        """The same of other sums of squares (w,)."""
         free = (self.part.size - self.part.taken) / self.part.size
-        return float(np.median(chi2 / self.part.counts)) / max(free, 1.0 / self.part.size)
+        each = window_chi2(self.part, self.theta, self.x0) / self.part.counts
+        return float(np.median(each)) / max(free, 1.0 / self.part.size)
 
 
 def _fitted(part: Problem, useless: float = np.inf) -> _Trial:

@@ -185,7 +185,8 @@ class Search:
             physical = physical and (not bends or self._at_noise(found))
             spent = self.problem.spent(found.theta)
             new = Explanation(members, found, self.bic(found.chi2 + spent, count), physical)
-            if key not in self.tried or new.fit.chi2 < self.tried[key].fit.chi2 - SAME:
+            old = self.tried.get(key)
+            if old is None or (new.physical, -new.fit.chi2) > (old.physical, SAME - old.fit.chi2):
                 self.tried[key] = new
             if len(self.ends) > made:
                 self.watch.step(self._best())
