@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property, partial, reduce
+from functools import cache, cached_property, partial
 
 from simgap.arrays import Floats
 from simgap.diagnosis.result import Key
@@ -13,7 +13,7 @@ from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.equivalence import rivals
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
-from simgap.diagnosis.search.selection import by_place, fitted_here
+from simgap.diagnosis.search.selection import by_place, fitted_here, taken_over
 from simgap.diagnosis.seek import Hypothesis, looked_again
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
@@ -63,9 +63,8 @@ class Chosen:
         return density(put, self.held(), self.horizon_s, self.full.steps)
 
     def less(self, kept: Explanation) -> Chosen:
-        """The same with some effects of what was chosen alone."""
-        gone = [c for c in self.found.members if c.key not in kept.keys]
-        return replace(self, kept=kept, found=reduce(self.search.without, gone, self.found))
+        """The same with a part of what was chosen alone."""
+        return replace(self, kept=kept, found=taken_over(self.search, self.sparse, kept))
 
 
 def chosen(under: Hypothesis, judged: Parts, compete: bool = False) -> Chosen:
@@ -95,6 +94,7 @@ def chosen(under: Hypothesis, judged: Parts, compete: bool = False) -> Chosen:
             found = min((found, *same), key=by_place)
             kept = found if full.problem is search.problem else fitted_here(full, base, found)
     kept = real(full, kept, at_floor)
+    found = found if found.keys == kept.keys else taken_over(search, sparse, kept)
     competing, horizon = partial(chosen, under, judged, True), settings.horizon_s
     return Chosen(
         search, sparse, found, kept, full, base, carried, held, horizon, at_floor, agree, under.not_tried, competing

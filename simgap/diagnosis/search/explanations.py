@@ -251,7 +251,7 @@ class Search:
             return False
         k = member.slots[0]
         away = float(e.fit.theta[k] - self.problem.model.null[k])
-        variance = float(e.fit.covariance[e.fit.slots.index(k), e.fit.slots.index(k)]) * self.scale
+        variance = float(e.fit.variances[e.fit.slots.index(k)]) * self.scale
         return math.isfinite(away) and variance > 0.0 and away**2 > OUT_OF_SIGHT * BIC_GAIN * variance
 
     def ranked(self, base: Explanation) -> list[Score]:

@@ -34,6 +34,7 @@ drive with rests of benchmarks/dry_friction.py ends that a window held up, at a 
 promised .4 to 136; begun afresh they ended lower by 20 to 350."""
 _MAX_ITERATIONS = 30
 _SOFTEST, _STIFFEST = 1e-9, 1e8  # damping
+_RANK = 1e-8  # of the largest eigenvalue, and of a unit vector: what is less is not there
 _ROUNDS = 3  # descents, windows that stand out begun afresh between them
 _FEW = 4  # linearisations of a window that does worse than foreseen
 _SHORT, _LEAST = 0.3, 0.05  # a window whose chi^2 misses this share of its foreseen drop, and this much in units of
@@ -61,6 +62,15 @@ class Fit:
     at_limit: tuple[int, ...]
     converged: bool
     problem: Problem | None = None
+
+    @property
+    def variances(self) -> Floats:
+        """Of the free parameters, (p,); infinite for those that have a part in what the data do not show."""
+        own = np.maximum(np.diag(self.covariance), 0.0)
+        size = np.sqrt(np.where(own > 0.0, own, 1.0))
+        values, vectors = np.linalg.eigh(self.covariance / np.outer(size, size))
+        hidden = values <= _RANK * np.abs(values).max(initial=0.0)
+        return np.where(np.sum(vectors[:, hidden] ** 2, axis=1) > _RANK, np.inf, own)
 
     def begin(self, problem: Problem) -> Floats:
         """Where a fit to the problem begins, (w, nx): its initial states, new ones in windows that are not its own."""

@@ -40,7 +40,6 @@ from simgap.diagnosis.verdict.held_out import errors_ahead
 from simgap.diagnosis.verdict.score import Errors, gained
 
 _PARTS = 10  # the choice is repeated without each of so many parts of the blocks
-_RANK = 1e-8  # of the largest eigenvalue, and of a unit vector: what is less is not there
 
 
 def real(search: Search, found: Explanation, at_floor: bool) -> Explanation:
@@ -140,7 +139,7 @@ def folds_agree(problem: Problem, found: Explanation, steps: dict[int, float], s
         ends.append((part, fit(part, found.fit.theta, found.fit.x0[side], found.fit.slots, steps)))
     null, slots = problem.model.null, list(found.fit.slots)
     a, b = (e.theta[slots] - np.where(np.isfinite(null[slots]), null[slots], 0.0) for _, e in ends)
-    variances = [_variances(e.covariance) * max(chi2_dof(part, e), 1.0) for part, e in ends]
+    variances = [e.variances * max(chi2_dof(part, e), 1.0) for part, e in ends]
     spread = np.sqrt(sum(variances) * samples)
     size = np.maximum(np.abs(a), np.abs(b))
     for c in found.members:
@@ -149,15 +148,6 @@ def folds_agree(problem: Problem, found: Explanation, steps: dict[int, float], s
             size[own] = size[own].max(initial=0.0)
     near = np.abs(a - b) <= np.maximum(MOST * size, SURE * spread)
     return bool(np.all(near))
-
-
-def _variances(covariance: Floats) -> Floats:
-    """Of coefficients by a pseudo-inverse (p, p), (p,); infinite for those that have a part in what was not seen."""
-    own = np.maximum(np.diag(covariance), 0.0)
-    size = np.sqrt(np.where(own > 0.0, own, 1.0))
-    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
-    hidden = values <= _RANK * np.abs(values).max(initial=0.0)
-    return np.where(np.sum(vectors[:, hidden] ** 2, axis=1) > _RANK, np.inf, own)
 
 
 Trial = tuple[Problem, Problem]
