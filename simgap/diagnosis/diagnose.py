@@ -13,6 +13,7 @@ from simgap.arrays import Floats
 from simgap.diagnosis.change import Answer, sides_apart
 from simgap.diagnosis.choosing import Chosen, chosen
 from simgap.diagnosis.conclude import conclude
+from simgap.diagnosis.record.faults.columns import velocity_lags
 from simgap.diagnosis.record.faults.registry import mended
 from simgap.diagnosis.record.noise import resolution
 from simgap.diagnosis.record.record import Record
@@ -236,7 +237,7 @@ def ready(model: SymbolicModel, record: Record, settings: DiagnosisSettings) -> 
     record, seen = mended(record, model)
     parts, said = parts_of(model, record, settings)
     own = Ready(record, parts, said, seen, np.ones(len(record.measured)))
-    columns = better_columns(coarse(parts.known), settings.within)
+    columns = better_columns(coarse(parts.known), tuple(velocity_lags(record, model)), settings.within)
     if columns is None:
         return [own]
     record = columns.of_record(record)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -56,6 +56,12 @@ class Windows:
     def pick(self, which: Bools | Ints) -> Windows:
         """Some of the windows: by a mask (w,) or by their numbers."""
         return Windows(self.start[which], self.stop[which], self.first[which], self.trace[which])
+
+    def begun(self, share: float) -> Windows:
+        """The first share of each, `MIN_SAMPLES` at least."""
+        whole = self.stop - self.start
+        few = np.maximum(np.ceil(share * whole).astype(np.int64), MIN_SAMPLES)
+        return replace(self, stop=self.start + np.minimum(few, whole))
 
     @property
     def samples(self) -> int:

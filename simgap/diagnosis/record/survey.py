@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.diagnosis.record.faults.columns import VelocityLag, velocity_lag
+from simgap.diagnosis.record.faults.columns import VelocityLag, velocity_lags
 from simgap.diagnosis.record.faults.registry import READINGS, mended
 from simgap.diagnosis.record.noise import resolution, worth
 from simgap.diagnosis.record.record import Record, runs
@@ -141,12 +141,7 @@ def survey(record: Record, model: SymbolicModel, noise: Mapping[str, float] | No
     for name, value in (noise or {}).items():
         if name in record.measured:
             sigma[record.measured.index(name)] = value
-    lags = tuple(
-        lag
-        for c in model.coordinates
-        if c.position in record.measured and c.velocity in record.measured
-        if (lag := velocity_lag(clean, c.position, c.velocity)) is not None
-    )
+    lags = tuple(velocity_lags(clean, model))
     still = still_stretches(clean, sigma)
     frozen = frozen_stretches(record, still)
     channels = tuple(_looks(record, model, sigma, quantum))
@@ -235,12 +230,12 @@ def _limits(channels: tuple[ChannelLook, ...]) -> Iterator[str]:
 def _lag_words(lags: tuple[VelocityLag, ...], traces: tuple[TraceLook, ...]) -> Iterator[str]:
     dt = float(np.median([1.0 / t.rate_hz for t in traces]))
     for lag in lags:
-        if lag.mismatch > MOST:
+        if not lag.related:
             yield (
                 f"{lag.velocity} is not the derivative of {lag.position} ({100 * lag.mismatch:.0f} % of it differs): "
                 f"check the columns"
             )
-        elif not MOST < lag.scale < 1.0 / MOST:
+        elif not lag.agrees:
             yield (
                 f"{lag.velocity} is {lag.scale:.4g} times the derivative of {lag.position}: "
                 f"check the units and scale of both columns"

@@ -4,7 +4,8 @@ Such a fault is discrete and large: no effect leads there step by step, and a se
 possibility is tried on a few windows before the search, with the model as declared and with friction, biases and gains
 beside it, and one is taken up where it misses by a small part of what the columns as they are miss. One that is better
 by less is a hypothesis of the record: what is found under it has to predict better. So is an input's sign, as its gain
-may be negative.
+may be negative. A velocity that is a multiple of its position's derivative is the derivative, whatever the plant lacks:
+no possibility is tried under which it is not, and if the columns as they are say so, the best other one is taken up.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from functools import cached_property
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.diagnosis.record.faults.columns import SwappedColumns, WrongSign, WrongUnit
+from simgap.diagnosis.record.faults.columns import SwappedColumns, VelocityLag, WrongSign, WrongUnit
 from simgap.diagnosis.record.record import Record, exchanged
 from simgap.diagnosis.result import RecordingFault
 from simgap.diagnosis.search.fit import fit
@@ -32,6 +33,7 @@ from simgap.notation import joined
 
 _OWN_GAIN = np.sqrt(2.0 * np.pi)  # half the way, as a ratio, to the nearest other unit: turns for radians
 _DESCENTS, _FIRST_DESCENTS = 10, 3  # linearisations of a fit that need not settle, and of its beginning
+_BEGINNING = 0.2  # of a window
 _HALVINGS = 3  # of the interval of the readings, for a step
 _THOUSANDS = (("a thousandth of the declared unit", 1e-3), ("a thousand times the declared unit", 1e3))
 
@@ -69,6 +71,13 @@ class Columns:
         sigma = problem.sigma[read] * np.abs(self.y)
         return replace(problem, y=y, u=u, sigma=sigma, used=used, weight=weight, memo=Memo())
 
+    def derives(self, problem: Problem, lags: Sequence[VelocityLag]) -> bool:
+        """Whether velocities are the derivatives of their positions, as far as their columns are multiples of these."""
+        place = {n: j for j, n in enumerate(problem.model.measured)}
+        pairs = [(lag, place[lag.position], place[lag.velocity]) for lag in lags if lag.related]
+        moved = [replace(lag, scale=lag.scale * float(self.y[v] / self.y[q])) for lag, q, v in pairs]
+        return all(lag.agrees for lag in moved) and all(self.y_order[j] == j for _, *own in pairs for j in own)
+
     def leads_out(self, problem: Problem, within: Mapping[str, tuple[float, float]]) -> bool:
         """Whether its factors move a channel whose readings lie within its range out of it."""
         for j, name in enumerate(problem.model.measured):
@@ -92,7 +101,9 @@ class Columns:
         return record.with_columns(self.y_order, self.u_order, self.y, self.u)
 
 
-def better_columns(problem: Problem, within: Mapping[str, tuple[float, float]]) -> Columns | None:
+def better_columns(
+    problem: Problem, lags: Sequence[VelocityLag], within: Mapping[str, tuple[float, float]]
+) -> Columns | None:
     """The possibility under which the declared model misses least, if it is better than the columns as they are by more
     than a few times; sure, if by far and no input is reversed.
 
@@ -100,17 +111,19 @@ def better_columns(problem: Problem, within: Mapping[str, tuple[float, float]]) 
     plant in its place, as a better gain does. A large missing effect hides a wrong unit from the declared model: where
     no possibility is better by far, each is tried once more with these free, those out of sight aside. Small inputs and
     large readings take the plant out of sight: such a factor must also do better than one that leaves nothing of it.
-    Readings `within` the range where the plant works, state -> (least, largest), are not led out of it.
+    Readings `within` the range where the plant works, state -> (least, largest), are not led out of it. Where `lags`
+    show that the columns as they are cannot be, the beginnings of windows decide: what the plant lacks shows later.
     """
-    part, _ = problem.some()
+    options = [o for o in _options(problem) if o.derives(problem, lags) and not o.leads_out(problem, within)]
+    false = bool(options) and any(lag.related and not lag.agrees for lag in lags)
+    part, _ = problem.on(problem.windows.begun(_BEGINNING) if false else problem.windows).some()
     own = _begun(part, np.inf)
     if (alone := own.left) < OUT_OF_SIGHT:
         return None
     far = OUT_OF_SIGHT * alone
-    options = [option for option in _options(problem) if not option.leads_out(problem, within)]
     begun = [(option, _begun(option.applied(part), far)) for option in options]
     tried = [(option, trial.left) for option, trial in begun]
-    bar = _beside_effects(own, np.inf, PLAUSIBLE_RATIO)  # as they are: with what the search may find
+    bar = np.inf if false else _beside_effects(own, np.inf, PLAUSIBLE_RATIO)  # with what the search may find
     best = _best(part, tried, bar / OUT_OF_SIGHT)
     if (best is None or best.reverses) and bar >= OUT_OF_SIGHT:
         beside = [(option, _beside_effects(trial, bar / FAR)) for option, trial in begun if trial.left <= far]

@@ -17,7 +17,7 @@ from simgap.diagnosis.result import Key
 from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.explanations import SAME, SAME_PROMISE, Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
-from simgap.diagnosis.search.scoring import Screen, begun_at
+from simgap.diagnosis.search.scoring import Screen, Starts, begun_at, screen
 from simgap.diagnosis.simulation.sensitivity import scaled, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import (
@@ -31,6 +31,7 @@ from simgap.diagnosis.thresholds import (
     WIDTH,
 )  # fmt: skip
 
+_BEGINNING = 0.25  # of a window
 _KEPT = 40  # sets of each size that the normal equations keep
 _LEFT = 1e-8  # a column of which less is left (of its square) is in the span of the others
 _RIDGE = 1e-10
@@ -309,10 +310,12 @@ def leap(search: Search, base: Fit, most: int) -> None:
     More than `LEAPS_ANYHOW` effects are tried only where that promises to take most of what is left away: what nothing
     in the library explains is bent a little by everything.
     """
+    beginnings = _at_beginnings(search, base)
     for size in range(2, most + 1):
         if size > LEAPS_ANYHOW and not _pays(search, size, most):
             return
         fit_larger(search, _sources(search, base, size), size)
+        _fitted(search, [(search.empty(base), s) for s in best_subsets(beginnings, size)[:NARROW]])
         for _ in range(2):
             best = _best_of_size(search, size, 1)
             if not best or search.reached(best[0]):
@@ -320,6 +323,12 @@ def leap(search: Search, base: Fit, most: int) -> None:
             swap(search, best[0])
         if any(search.reached(e) for e in _best_of_size(search, size, 1)):
             return
+
+
+def _at_beginnings(search: Search, base: Fit) -> Screen:
+    """The linear problem of the beginnings of windows: in what is as long as a swing a spring turns its force round."""
+    problem = search.problem.on(search.problem.windows.begun(_BEGINNING))
+    return screen(problem, fit(problem, base.theta, base.x0, [], {}), {}, Starts(search.starts.items))
 
 
 def fit_larger(search: Search, sources: list[Explanation], size: int) -> None:

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from simgap.arrays import Bools, Floats, Ints
-from simgap.diagnosis.record.record import MIN_SAMPLES
 from simgap.diagnosis.simulation.initial import at_rest, initial_states
 from simgap.diagnosis.simulation.noise_law import LIMIT, are_gross
 from simgap.diagnosis.simulation.problem import Problem
@@ -99,10 +98,8 @@ def _from_starts(problem: Problem, theta: Floats, x0: Floats) -> Refit:
             if not np.array_equal(start, x0):
                 best = better(best, refit(problem, theta, start, useless=best.chi2))
         return best
-    begin, stop = problem.windows.start, problem.windows.stop
     for share in _GROWING:
-        last = np.minimum(begin + np.maximum(np.ceil(share * (stop - begin)).astype(np.int64), MIN_SAMPLES), stop)
-        guess = refit(problem.on(replace(problem.windows, stop=last)), theta, guess).x0
+        guess = refit(problem.on(problem.windows.begun(share)), theta, guess).x0
     return better(best, refit(problem, theta, guess, useless=best.chi2))
 
 

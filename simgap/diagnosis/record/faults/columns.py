@@ -8,7 +8,7 @@ declared (`search.columns`), or show as a gain that no motor has.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +17,7 @@ from simgap.arrays import Floats
 from simgap.diagnosis.record.faults.base import Fault, Mended, SeenFault
 from simgap.diagnosis.record.record import Record, Trace, exchanged
 from simgap.diagnosis.result import FoundEffect, RecordingFault
-from simgap.diagnosis.thresholds import MOST, WITHIN
+from simgap.diagnosis.thresholds import MATTERS, MOST, WITHIN
 from simgap.model.symbolic import SymbolicModel
 
 
@@ -38,6 +38,16 @@ class VelocityLag:
     scale: float
     mismatch: float
 
+    @property
+    def related(self) -> bool:
+        """Whether the one is a multiple of the other's derivative."""
+        return self.mismatch <= MOST
+
+    @property
+    def agrees(self) -> bool:
+        """Whether that is in size and sign what the one is of the other."""
+        return MOST <= self.scale <= 1.0 / MOST
+
 
 def velocity_lag(record: Record, position: str, velocity: str, reach_s: float = 0.1) -> VelocityLag | None:
     """Lag and scale between two channels, by least squares over shifts up to `reach_s`; None where nothing moves.
@@ -57,8 +67,10 @@ def velocity_lag(record: Record, position: str, velocity: str, reach_s: float = 
         return None
     loss = 1.0 - cross**2 / (power * own)
     best = int(np.argmin(loss))
+    if loss[reach] <= (1.0 + MATTERS) * loss[best]:  # slow motion says nothing of a lag
+        best = reach
     shift = float(best - reach)
-    if 0 < best < 2 * reach:
+    if best != reach and 0 < best < 2 * reach:
         left, mid, right = loss[best - 1 : best + 2]
         bend = left - 2 * mid + right
         shift += 0.5 * float((left - right) / bend) if bend > 0 else 0.0
@@ -103,7 +115,7 @@ class SwappedColumns(SeenFault):
             as_called, other_way = (
                 velocity_lag(record, *names) for names in ((c.position, c.velocity), (c.velocity, c.position))
             )
-            if _derivative(other_way) and not _derivative(as_called):
+            if _is_derivative(other_way) and not _is_derivative(as_called):
                 y, u = range(len(record.measured)), range(len(record.inputs))
                 order = exchanged(y, record.measured.index(c.position), record.measured.index(c.velocity))
                 record = record.with_columns(order, u, np.ones(len(y)), np.ones(len(u)))
@@ -192,5 +204,14 @@ class ConstantColumn(Fault):
     remedy = "Log the torque of {0}, or map its column with measured.columns.{0}.column."
 
 
-def _derivative(lag: VelocityLag | None) -> bool:
-    return lag is not None and MOST <= lag.scale <= 1.0 / MOST and lag.mismatch <= MOST
+def velocity_lags(record: Record, model: SymbolicModel) -> Iterator[VelocityLag]:
+    """Of every coordinate whose position and velocity are both measured, and which moves."""
+    for c in model.coordinates:
+        if c.position in record.measured and c.velocity in record.measured:
+            lag = velocity_lag(record, c.position, c.velocity)
+            if lag is not None:
+                yield lag
+
+
+def _is_derivative(lag: VelocityLag | None) -> bool:
+    return lag is not None and lag.related and lag.agrees
