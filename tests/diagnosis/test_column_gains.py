@@ -34,7 +34,7 @@ def test_a_unit_is_not_saved_by_a_reversed_gain_far_from_one(monkeypatch):
     reversed_ = options["wrong_sign", "w", ""]
     assert _left(unit.applied(part)) > 100.0
     assert _left(reversed_.applied(part)) == pytest.approx(1.0, abs=0.2)
-    found = columns.better_columns(whole, {})
+    found = columns.better_columns(whole, (), {})
     assert found is None or not found.sure  # the sign is left to the gain that the search finds
 
 
@@ -59,7 +59,7 @@ def test_a_unit_that_leaves_nothing_of_the_plant_is_none(inertia, factor, found)
     record = Record(tuple(runs), ("angle", "rate"), ("torque",))
     settings = DiagnosisSettings(window_s=0.5, horizon_s=0.2)
     parts, _ = parts_of(point_pendulum(0.05, 0.15, inertia), record, settings)
-    better = columns.better_columns(coarse(parts.known), {})
+    better = columns.better_columns(coarse(parts.known), (), {})
     assert ((better and better.sure and better.finding.fault) or None) == found
 
 

@@ -158,7 +158,7 @@ def test_columns_in_another_unit_or_place_are_found():
     ]
     for rig, fault, answer in wanted:
         parts, _ = parts_of(rig.model, rigs.record(rig, fault, 1, seconds=6.0, viscous=0.2), FEW)
-        found = better_columns(coarse(parts.known), {})
+        found = better_columns(coarse(parts.known), (), {})
         assert (found and (found.finding.fault, found.finding.channel, found.finding.value)) == answer
 
 
@@ -179,7 +179,7 @@ def test_strong_friction_hides_no_wrong_unit(plant, of_input, factor, wanted):
     made, _ = counted_record(plant, "both", 5e-5, 3, seconds=8.0)
     traces = tuple(replace(r, u=r.u * factor) if of_input else replace(r, y=r.y * factor) for r in made.traces)
     parts, _ = parts_of(counted_model(plant), replace(made, traces=traces), DiagnosisSettings())
-    found = better_columns(coarse(parts.known), {})
+    found = better_columns(coarse(parts.known), (), {})
     assert (found and (found.finding.fault, found.finding.channel, found.finding.value)) == wanted
     if (plant, of_input) == ("spring", False) and found is not None:  # linear: a motion cannot tell
         assert found.finding.sentence.endswith("with u in a thousand times the declared unit.")

@@ -22,6 +22,8 @@ from simgap.diagnosis.record.faults.columns import SwappedColumns, VelocityLag, 
 from simgap.diagnosis.record.record import Record, exchanged
 from simgap.diagnosis.result import RecordingFault
 from simgap.diagnosis.search.fit import fit
+from simgap.diagnosis.search.scoring import list_starts
+from simgap.diagnosis.search.selection import at_beginnings, best_subsets
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import FARTHEST, Memo, Problem
 from simgap.diagnosis.simulation.refit import refit, window_chi2
@@ -33,7 +35,6 @@ from simgap.notation import joined
 
 _OWN_GAIN = np.sqrt(2.0 * np.pi)  # half the way, as a ratio, to the nearest other unit: turns for radians
 _DESCENTS, _FIRST_DESCENTS = 10, 3  # linearisations of a fit that need not settle, and of its beginning
-_BEGINNING = 0.2  # of a window
 _HALVINGS = 3  # of the interval of the readings, for a step
 _THOUSANDS = (("a thousandth of the declared unit", 1e-3), ("a thousand times the declared unit", 1e3))
 
@@ -112,24 +113,30 @@ def better_columns(
     no possibility is better by far, each is tried once more with these free, those out of sight aside. Small inputs and
     large readings take the plant out of sight: such a factor must also do better than one that leaves nothing of it.
     Readings `within` the range where the plant works, state -> (least, largest), are not led out of it. Where `lags`
-    show that the columns as they are cannot be, the beginnings of windows decide: what the plant lacks shows later.
+    show that the columns as they are cannot be, the one under which two effects of the library promise most is taken.
     """
     options = [o for o in _options(problem) if o.derives(problem, lags) and not o.leads_out(problem, within)]
-    false = bool(options) and any(lag.related and not lag.agrees for lag in lags)
-    part, _ = problem.on(problem.windows.begun(_BEGINNING) if false else problem.windows).some()
+    if options and any(lag.related and not lag.agrees for lag in lags):
+        return min(options, key=lambda o: _promised(o.applied(problem)))
+    part, _ = problem.some()
     own = _begun(part, np.inf)
     if (alone := own.left) < OUT_OF_SIGHT:
         return None
     far = OUT_OF_SIGHT * alone
     begun = [(option, _begun(option.applied(part), far)) for option in options]
     tried = [(option, trial.left) for option, trial in begun]
-    bar = np.inf if false else _beside_effects(own, np.inf, PLAUSIBLE_RATIO)  # with what the search may find
+    bar = _beside_effects(own, np.inf, PLAUSIBLE_RATIO)  # as they are: with what the search may find
     best = _best(part, tried, bar / OUT_OF_SIGHT)
     if (best is None or best.reverses) and bar >= OUT_OF_SIGHT:
         beside = [(option, _beside_effects(trial, bar / FAR)) for option, trial in begun if trial.left <= far]
         best = _best(part, beside, bar / OUT_OF_SIGHT) or _unsure(_best(part, beside, bar / FAR))
     best = best or _unsure(_best(part, tried, alone / FAR))
     return _unsure(best) if best is not None and best.reverses else best
+
+
+def _promised(problem: Problem) -> float:
+    """chi^2 that the two best effects leave at the beginnings of windows, by the linear problem."""
+    return min(s.left for s in best_subsets(at_beginnings(problem, problem.model.null, list_starts(problem)), 2))
 
 
 def _unsure(best: Columns | None) -> Columns | None:

@@ -18,6 +18,8 @@ from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.explanations import SAME, SAME_PROMISE, Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.scoring import Screen, Starts, begun_at, screen
+from simgap.diagnosis.simulation.initial import initial_states
+from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import scaled, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import (
@@ -310,7 +312,7 @@ def leap(search: Search, base: Fit, most: int) -> None:
     More than `LEAPS_ANYHOW` effects are tried only where that promises to take most of what is left away: what nothing
     in the library explains is bent a little by everything.
     """
-    beginnings = _at_beginnings(search, base)
+    beginnings = at_beginnings(search.problem, base.theta, search.starts)
     for size in range(2, most + 1):
         if size > LEAPS_ANYHOW and not _pays(search, size, most):
             return
@@ -325,10 +327,10 @@ def leap(search: Search, base: Fit, most: int) -> None:
             return
 
 
-def _at_beginnings(search: Search, base: Fit) -> Screen:
-    """The linear problem of the beginnings of windows: in what is as long as a swing a spring turns its force round."""
-    problem = search.problem.on(search.problem.windows.begun(_BEGINNING))
-    return screen(problem, fit(problem, base.theta, base.x0, [], {}), {}, Starts(search.starts.items))
+def at_beginnings(problem: Problem, theta: Floats, starts: Starts) -> Screen:
+    """The linear problem of the beginnings of windows: in one as long as a swing a spring turns its force round."""
+    part = problem.on(problem.windows.begun(_BEGINNING))
+    return screen(part, fit(part, theta, initial_states(part), [], {}), {}, Starts(starts.items))
 
 
 def fit_larger(search: Search, sources: list[Explanation], size: int) -> None:
