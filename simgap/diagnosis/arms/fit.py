@@ -40,8 +40,7 @@ EXPECTED = ("viscous_friction", "coulomb_friction")
 def solve(gram: Floats, right: Floats, active: Sequence[int]) -> Floats:
     """Coefficients of least squares over the active columns alone, (p,); directions not in the data stay 0."""
     theta, own = np.zeros(len(right)), np.array(active, dtype=np.int64)
-    if len(own):
-        theta[own] = inverted(gram[np.ix_(own, own)]) @ right[own]
+    theta[own] = inverted(gram[np.ix_(own, own)]) @ right[own]
     return theta
 
 
@@ -209,8 +208,6 @@ def _own_direction(gram: Floats, active: tuple[int, ...], k: int) -> bool:
     if gram[k, k] <= 0.0:
         return False
     own = np.array(active, dtype=np.int64)
-    if not len(own):
-        return True
     cross = gram[own, k]
     return float(1.0 - cross @ inverted(gram[np.ix_(own, own)]) @ cross / gram[k, k]) > _OWN**2
 

@@ -100,12 +100,6 @@ def motions(record: Record, ends: Sequence[Coordinate], torques: Sequence[str]) 
     return tuple(_smooth(trace.name, raw_trace, low_pass) for trace, raw_trace in zip(record.traces, raw, strict=True))
 
 
-def rest_speeds(every: Sequence[Motion]) -> Floats:
-    """(n,) speed below which a joint counts as at rest: dry friction is then any force up to its size."""
-    fastest = np.max([np.abs(m.v).max(axis=0) for m in every], axis=0)
-    return np.maximum(AT_REST * fastest, 1e-9)
-
-
 def _even(
     record: Record, trace: Trace, ends: Sequence[Coordinate], torques: Sequence[str], rate: float
 ) -> tuple[Floats, Floats, Floats, Floats]:
@@ -229,7 +223,7 @@ def payload_columns(tree: Tree, payload: Payload) -> Ints:
 
 
 def part_of(
-    motions: Sequence[Motion], tree: Tree, base: BaseParameters, payloads: Sequence[Payload], rest: Floats,
+    motions: Sequence[Motion], tree: Tree, base: BaseParameters, payloads: Sequence[Payload],
     known: Mapping[str, Floats],
 ) -> Part:  # fmt: skip
     """The rows of some traces.
@@ -238,6 +232,8 @@ def part_of(
         known: terms that the case declares, effect -> (n,) parameters, which are part of the declared model.
     """
     parts = list[Part]()
+    # so slow is at rest, where dry friction is any force up to its size
+    rest = np.maximum(AT_REST * np.max([np.abs(m.v).max(axis=0) for m in motions], axis=0), 1e-9)
     for m in motions:
         whole = m.low_pass(regressor(tree, m.q, m.v, m.a))[m.used]
         felt = m.low_pass(m.a)  # as in the regressor: an inertia of bodies and of a rotor are compared alike

@@ -39,7 +39,8 @@ def coarse(problem: Problem, rows: int = SEARCH_ROWS, together: int = 1) -> Prob
         rows: the most samples of all windows together.
         together: neighbouring windows that are kept or left out together (a prediction may be longer than a window).
     """
-    k = _block(problem)
+    lengths = np.diff(problem.rows)
+    k = _odd(int(np.median(lengths)) // SAMPLES_A_WINDOW if len(lengths) else 1)
     while k > 1 and _moved(problem, k) > _BIAS:
         k = _odd(k // 2)
     thin = problem if k == 1 else settled(_blocks(problem, k))
@@ -52,13 +53,8 @@ def coarse(problem: Problem, rows: int = SEARCH_ROWS, together: int = 1) -> Prob
     return thin.on(thin.windows.pick(np.isin(group, spread)))
 
 
-def _block(problem: Problem) -> int:
-    """Samples in a block: odd, so that one of them is its middle."""
-    lengths = problem.windows.stop - problem.windows.start
-    return _odd(int(np.median(lengths)) // SAMPLES_A_WINDOW if len(lengths) else 1)
-
-
 def _odd(k: int) -> int:
+    """So many samples in a block that one of them is its middle."""
     return max(k - (1 - k % 2), 1)
 
 

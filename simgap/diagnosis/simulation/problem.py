@@ -106,21 +106,18 @@ class Problem:
         """The same problem without the last `late_s` of each trace, where what acted was logged after its end."""
         if late_s <= 0.0:
             return self
-        ends = dict(zip(self.firsts.tolist(), self.t[self.edges[1:] - 1].tolist(), strict=True))
-        traces = set(zip(self.windows.trace.tolist(), self.windows.first.tolist(), strict=True))
-        spans = tuple((k, ends[f] - late_s, math.inf) for k, f in sorted(traces))
+        ends = self.t[self.edges[1:] - 1] - late_s
+        spans = tuple((k, end, math.inf) for k, end in enumerate(ends.tolist()))
         return self.on(left_out(self.windows, self.t, spans))
 
-    def part(self, which: slice) -> Problem:
-        """The same data and model on a slice of the windows."""
-        if which == slice(0, len(self.windows)):
-            return self
-        return self.on(self.windows.pick(np.arange(len(self.windows))[which]))
+    def pick(self, which: Ints) -> Problem:
+        """The same data and model on some of the windows, each once; itself, with what it keeps, if these are all."""
+        return self if len(which) == len(self.windows) else self.on(self.windows.pick(which))
 
     def some(self, count: int = 8) -> tuple[Problem, Ints]:
         """So many windows spread over all, and which they are."""
         few = np.unique(np.linspace(0, len(self.windows) - 1, count).astype(np.int64))
-        return self.on(self.windows.pick(few)), few
+        return self.pick(few), few
 
     @cached_property
     def edges(self) -> Ints:
@@ -153,10 +150,10 @@ class Problem:
         """Degrees of freedom that motors which swing behind their joints take at theta (q,), two in each window."""
         return 2.0 * len(self.windows) * sum(train.swings(theta) for train in self.model.trains)
 
-    @property
-    def _root_weight(self) -> Floats | None:
-        """(n, k) factors of the misses; None where all are 1."""
-        return self.memo.kept("weight", b"", lambda: np.sqrt(self.weight) if np.any(self.weight < 1.0) else None)
+    @cached_property
+    def _factors(self) -> Floats:
+        """(rows, k) of the misses: the root of what a reading is worth, 0 for channels that are not fitted."""
+        return np.sqrt(self.weight[self.samples]) * self.heard
 
     @property
     def spacing(self) -> float:
@@ -303,10 +300,7 @@ class Problem:
         residual = self.misses(theta, x0)
         if self.colour is not None:
             whiten(residual, self.rows, *self.colour.memory)
-        if (root := self._root_weight) is not None:
-            residual *= root[self.samples]
-        if not self.heard.all():
-            residual *= self.heard
+        residual *= self._factors
         return residual if self.usual is None else limited(residual, self.spread)
 
     @property

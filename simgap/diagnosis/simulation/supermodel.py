@@ -13,20 +13,21 @@ from numba import types, void
 
 from simgap.arrays import Floats, Ints
 from simgap.diagnosis.record.faults.measurement import ReadingFault, is_fault, possible
-from simgap.diagnosis.simulation.dynamics import Costly, Dynamics, compile_dynamics, is_costly
+from simgap.diagnosis.simulation.dynamics import Dynamics, compile_dynamics
 from simgap.diagnosis.simulation.past import Train, beside_motors, trains_of
-from simgap.effects import EFFECTS, Effect, EffectParameter, StaticInputEffect
+from simgap.effects import EFFECTS, Effect, EffectParameter, StaticInputEffect, effect
 from simgap.effects.base import CoordinateEffect, MemoryForceEffect
 from simgap.effects.commands import InputEffect, MemoryInputEffect
 from simgap.effects.drive_train import DriveTrainEffect, with_motor
 from simgap.errors import UserError
 from simgap.late import sympy as sp
 from simgap.model.compile import Kernel, cached_kernel_as, compile_kernel
-from simgap.model.symbolic import SymbolicModel, symbol
+from simgap.model.symbolic import SymbolicModel, kinds, symbol
 
 T = TypeVar("T")
 _ROWS = types.Array(types.float64, 2, "C")
 _ROWWISE = void(_ROWS, f64[::1], _ROWS)
+_TRANSCENDENTAL = "sin cos tan tanh atan exp log"
 
 
 @dataclass(frozen=True)
@@ -114,11 +115,6 @@ class SuperModel:
         return self.nx + 2 * len(self.trains)
 
     @cached_property
-    def size(self) -> int:
-        """Number of states, those of the effects among them."""
-        return self.begun + len(self.remembered)
-
-    @cached_property
     def remembered(self) -> tuple[Candidate, ...]:
         """Effects with a state of their own, in the order of these states, which come after the plant's."""
         return tuple(c for c in self.candidates if isinstance(c.effect, MemoryForceEffect))
@@ -129,15 +125,11 @@ class SuperModel:
 
     def rubs(self, theta: Floats) -> bool:
         """Whether any coordinate has dry friction at theta (q,): the sign of a speed matters at rest."""
-        x, signs = np.zeros(self.size), np.zeros(len(self.speed))
+        x = np.zeros(self.begun + len(self.remembered))
         # A weight or a length that is a condition divides the forces: nobody knows of it but that it is not 0.
         u = np.array([float(name in self.model.conditions) for name in self.model.input_names])
-        for j, v in enumerate(self.speed):
-            signs[j] = 1.0
-            up = self.dynamics.derivative(x, u, theta, signs)[v]
-            signs[j] = -1.0
-            down = self.dynamics.derivative(x, u, theta, signs)[v]
-            signs[j] = 0.0
+        for v, sign in zip(self.speed, np.eye(len(self.speed)), strict=True):
+            up, down = (self.dynamics.derivative(x, u, theta, way * sign)[v] for way in (1.0, -1.0))
             if abs(up - down) > 1e-12:
                 return True
         return False
@@ -178,17 +170,15 @@ def build_supermodel(
     Raises:
         UserError: for an unknown effect, or a measured channel that is not a state.
     """
-    for name in effects:
-        if name not in EFFECTS:
-            raise UserError(f"there is no effect '{name}'", remedy=f"Known: {', '.join(EFFECTS)}.")
+    named = {effect(name).name for name in effects}
     for name in measured:
         if name not in model.state_names:
             raise UserError(f"'{name}' is measured but not a state", remedy=f"States: {list(model.state_names)}.")
     chosen = [
         e for e in EFFECTS.values()
-        if e.name in effects or (not effects and (last or not e.last) and (second or not e.second))
+        if e.name in named or (not named and (last or not e.last) and (second or not e.second))
     ]  # fmt: skip
-    places = [(e, on) for e in chosen for on in (e.targets(model) if e.name in effects else e.sought_on(model))]
+    places = [(e, on) for e in chosen for on in (e.targets(model) if e.name in named else e.sought_on(model))]
     asked = [(e, on) for e, on in beside_motors(model, places) if e.kind != "state" or on in measured]
     candidates: list[Candidate] = []
     specs: list[EffectParameter] = []
@@ -200,7 +190,7 @@ def build_supermodel(
     driven = model
     for train in trains:
         driven = with_motor(driven, train.on, train.law)
-    plant, costly = _insert(driven, candidates, theta)
+    plant, costly, gate = _insert(driven, candidates, theta)
     readings = [sp.sympify(plant.outputs.get(n, symbol(n))).subs(model.values()) for n in measured]
     return SuperModel(
         model=model,
@@ -209,7 +199,7 @@ def build_supermodel(
         lower=np.array([p.lower for p in specs]),
         upper=np.array([p.upper for p in specs]),
         measured=measured,
-        dynamics=compile_dynamics(plant, costly, theta),
+        dynamics=compile_dynamics(plant, costly, gate, theta),
         static=_rowwise(compile_kernel(*_commands(model, candidates, theta))) if model.inputs else _no_columns,
         read=_rowwise(compile_kernel(readings, ([v.symbol for v in plant.states], theta))),
         past=_past(candidates, theta),
@@ -220,27 +210,23 @@ def build_supermodel(
 
 def _insert(
     model: SymbolicModel, candidates: list[Candidate], theta: tuple[sp.Symbol, ...]
-) -> tuple[SymbolicModel, Costly]:
-    """The plant as a function of what it feels, costly terms apart."""
+) -> tuple[SymbolicModel, list[sp.Expr], sp.Expr]:
+    """The plant as a function of what it feels; apart costly terms of xdot, which act where a gate is not 0."""
     plant = model
-    forces: list[tuple[Candidate, sp.Expr, sp.Expr]] = []
     for c in candidates:
-        values = c.values(theta)
+        if not isinstance(c.effect, CoordinateEffect | InputEffect | DriveTrainEffect):
+            plant = c.effect.insert(plant, c.on, c.values(theta))
+    costly, gate = [sp.Integer(0) for _ in plant.states], sp.Integer(0)
+    for c in candidates:  # forces after the plant's own parameters, on which the columns depend
         if isinstance(c.effect, CoordinateEffect):
             joint = plant.coordinate(c.on)
-            away = sum(sp.Abs(theta[k] - p.null) for p, k in zip(c.effect.parameters, c.slots, strict=True))
-            forces.append((c, c.effect.force(symbol(joint.position), symbol(joint.velocity), values), away))
-        elif not isinstance(c.effect, InputEffect | DriveTrainEffect):
-            plant = c.effect.insert(plant, c.on, values)
-    extra = [sp.Integer(0) for _ in plant.states]
-    gate = sp.Integer(0)
-    for c, force, away in forces:  # after the plant's own parameters, on which the columns depend
-        if is_costly(force):
-            extra = [e + column * force for e, column in zip(extra, plant.force_map[c.on], strict=True)]
-            gate += away
-        else:
-            plant = plant.with_force(c.on, force)
-    return plant, Costly(tuple(extra), gate)
+            force = c.effect.force(symbol(joint.position), symbol(joint.velocity), c.values(theta))
+            if force.has(*kinds(_TRANSCENDENTAL)):
+                costly = [e + column * force for e, column in zip(costly, plant.force_map[c.on], strict=True)]
+                gate += sum(sp.Abs(theta[k] - p.null) for p, k in zip(c.effect.parameters, c.slots, strict=True))
+            else:
+                plant = plant.with_force(c.on, force)
+    return plant, costly, gate
 
 
 def _commands(
