@@ -70,8 +70,6 @@ def standard_errors(part: Part, theta: Floats, active: Sequence[int], weights: F
     longest correlation.
     """
     own, out = np.array(active, dtype=np.int64), np.zeros(len(theta))
-    if not len(own):
-        return out
     w = part.live * weights**2
     x = part.x[:, :, own]
     scores = np.einsum("rjp,rj->rp", x, w * residual(part, theta))

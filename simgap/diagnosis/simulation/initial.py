@@ -73,13 +73,11 @@ def _value_and_slope(t: Floats, y: Floats, sigma: float) -> tuple[float, float]:
     The span is the one whose slope has the smallest standard error, with what the cubic misses taken for noise.
     """
     best, least = (float(y[0]), 0.0), np.inf
-    for n in _SPANS:
-        if n > len(t) and n > min(_SPANS):
-            continue
-        s = max(float(t[:n][-1]), 1e-9)
-        basis = np.vander(t[:n] / s, min(4, len(t[:n]) - 1), increasing=True)
+    for n in (n for n in _SPANS if n <= len(t)):
+        s = float(t[n - 1])
+        basis = np.vander(t[:n] / s, 4, increasing=True)
         fit = np.linalg.lstsq(basis, y[:n], rcond=None)[0]
-        missed = float(np.sqrt(np.sum(np.square(y[:n] - basis @ fit)) / max(len(basis) - basis.shape[1], 1)))
+        missed = float(np.sqrt(np.sum(np.square(y[:n] - basis @ fit)) / (n - 4)))
         error = max(missed, sigma) * float(np.linalg.norm(np.linalg.pinv(basis)[1])) / s
         if error < least:
             best, least = (float(fit[0]), float(fit[1]) / s), error

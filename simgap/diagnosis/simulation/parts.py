@@ -115,7 +115,7 @@ def parts_of(model: SymbolicModel, record: Record, settings: DiagnosisSettings) 
     every = build_problem(compiled, record, windows, sigma, readings.weight)
     while runs_away(every) and windows.samples > 4 * MIN_SAMPLES * len(windows):
         windows, folds, length = cut_in_folds(record, length / 2, traces, share, ahead)
-        every = build_problem(compiled, record, windows, sigma, readings.weight)
+        every = every.on(windows)
     said = (*said, _RUNS_AWAY.format(length, cut, GROWTH**2)) if length < cut else said
     every = settled(every)
     moves = any(model.units[name] in _OF_MOTION for name in model.state_names)

@@ -198,31 +198,27 @@ class Problem:
         """The same with the states of motors, (rows, begun)."""
         if any(train.rigid(theta, self.spacing) for train in self.model.trains):
             return np.full((int(self.rows[-1]), self.model.begun), np.nan)
-        level, excess, delay, lag = self._drive(theta)
-        w, rows, constants = self.windows, self.rows, self.model.dynamics.constants_at(theta)
-        begin = np.ascontiguousarray(x0[:, : self.model.nx])
+        w, begin = self.windows, x0.copy()
         for k, train in enumerate(self.model.trains):
-            link = x0[:, [train.position, train.velocity]]
-            own = x0[:, self.model.nx + 2 * k : self.model.nx + 2 * k + 2]
-            away = train.swings(theta) * own + self._twists(k, theta)[w.start]
+            link, motor = [train.position, train.velocity], self.model.nx + np.array([2 * k, 2 * k + 1])
+            away = train.swings(theta) * x0[:, motor] + self._twists(k, theta)[w.start]
             if train.read_at_motor(theta):  # what was fitted is the motor's
-                begin[:, [train.position, train.velocity]] = link - away
-                begin = np.hstack([begin, link])
+                begin[:, motor], begin[:, link] = x0[:, link], x0[:, link] - away
             else:
-                begin = np.hstack([begin, link + away])
+                begin[:, motor] = x0[:, link] + away
         if self.model.remembered:
             begin = np.hstack([begin, self._memories(theta)[w.start]])
-        out = np.empty((int(rows[-1]), begin.shape[1]))
+        out = np.empty((int(self.rows[-1]), begin.shape[1]))
         simulate(
-            *self.model.dynamics.addresses, self.t, level, excess, delay, lag, constants, begin, w.first, w.start,
-            w.stop, np.ascontiguousarray(rows[:-1]), self.model.speed, self._step(theta), out,
+            *self.model.dynamics.addresses, self.t, *self._drive(theta), self.model.dynamics.constants_at(theta), begin,
+            w.first, w.start, w.stop, self.rows[:-1], self.model.speed, self._step(theta), out,
         )  # fmt: skip
         return np.ascontiguousarray(out[:, : self.model.begun])
 
     def _step(self, theta: Floats) -> float:
         """Longest step, s: shorter where a motor against its link is quick."""
         quick = max((train.quick(theta) for train in self.model.trains), default=0.0)
-        return self.h_max / max(1.0, quick * self.spacing / _TURN) if quick > 0.0 else self.h_max
+        return self.h_max / max(1.0, quick * self.spacing / _TURN)
 
     def _speeds(self) -> Floats:
         """Measured speed between the stamps of each coordinate that an effect remembers, (n, h); kept."""

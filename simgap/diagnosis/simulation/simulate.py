@@ -178,9 +178,8 @@ def find_rubbing(plant: Any, grip: Any, work: Any, x: Floats, u: Floats) -> bool
     Nothing sticks yet.
     """
     found, (theta, speed, slope, _), (s, stuck, active), rate = False, plant, grip, work[4]
-    for j in range(speed.size):
-        stuck[j] = False
-        s[j] = 0.0
+    stuck[:] = False
+    s[:] = 0.0
     for j in range(speed.size):
         s[j] = 1.0
         slope(x, u, theta, s, stuck, speed, rate)
