@@ -89,7 +89,7 @@ def _value_and_slope(t: Floats, y: Floats, sigma: float) -> tuple[float, float]:
 def at_rest(problem: Problem, guess: Floats) -> Floats:
     """The guess with dry-friction coordinates at rest, measured positions the mean of the first samples: (w, nx)."""
     names, x0 = problem.model.model.state_names, guess.copy()
-    x0[:, problem.model.speed] = 0.0
+    x0[:, problem.model.dynamics.speed] = 0.0
     for c in problem.model.model.coordinates:
         if c.position in problem.model.measured:
             column = problem.y[:, problem.model.measured.index(c.position)]

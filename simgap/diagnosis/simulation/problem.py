@@ -211,7 +211,7 @@ class Problem:
         out = np.empty((int(self.rows[-1]), begin.shape[1]))
         simulate(
             *self.model.dynamics.addresses, self.t, *self._drive(theta), self.model.dynamics.constants_at(theta), begin,
-            w.first, w.start, w.stop, self.rows[:-1], self.model.speed, self._step(theta), out,
+            w.first, w.start, w.stop, self.rows[:-1], self.model.dynamics.speed, self._step(theta), out,
         )  # fmt: skip
         return np.ascontiguousarray(out[:, : self.model.begun])
 
@@ -228,9 +228,9 @@ class Problem:
 
     def _memories(self, theta: Floats) -> Floats:
         """The effects' own states at every stamp, (n, h); kept for the last few of their numbers."""
-        key = theta[list(self.model.past_slots)].tobytes()
+        slots = [k for c in self.model.remembered for k in c.slots]
         make = partial(memories, self.model.past, theta, self.t, self._speeds(), self.firsts)
-        return self.memo.kept("memories", key, make)
+        return self.memo.kept("memories", theta[slots].tobytes(), make)
 
     def _twists(self, k: int, theta: Floats) -> Floats:
         """Twist and its rate of a motor against its link at every stamp, (n, 2); kept for the last few laws."""

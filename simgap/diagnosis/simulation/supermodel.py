@@ -11,7 +11,7 @@ import numpy as np
 from numba import float64 as f64
 from numba import types, void
 
-from simgap.arrays import Floats, Ints
+from simgap.arrays import Floats
 from simgap.diagnosis.record.faults.measurement import ReadingFault, is_fault, possible
 from simgap.diagnosis.simulation.dynamics import Dynamics, compile_dynamics
 from simgap.diagnosis.simulation.past import Train, beside_motors, trains_of
@@ -100,11 +100,6 @@ class SuperModel:
     memory: Callable[[Floats], Sequence[float]]
 
     @property
-    def speed(self) -> Ints:
-        """Index of the velocity of each coordinate: dry friction acts on these."""
-        return self.dynamics.speed
-
-    @property
     def nx(self) -> int:
         """Number of states, those of the effects left out."""
         return len(self.model.states)
@@ -125,10 +120,10 @@ class SuperModel:
 
     def rubs(self, theta: Floats) -> bool:
         """Whether any coordinate has dry friction at theta (q,): the sign of a speed matters at rest."""
-        x = np.zeros(self.begun + len(self.remembered))
+        x, speed = np.zeros(self.begun + len(self.remembered)), self.dynamics.speed
         # A weight or a length that is a condition divides the forces: nobody knows of it but that it is not 0.
         u = np.array([float(name in self.model.conditions) for name in self.model.input_names])
-        for v, sign in zip(self.speed, np.eye(len(self.speed)), strict=True):
+        for v, sign in zip(speed, np.eye(len(speed)), strict=True):
             up, down = (self.dynamics.derivative(x, u, theta, way * sign)[v] for way in (1.0, -1.0))
             if abs(up - down) > 1e-12:
                 return True
@@ -147,11 +142,6 @@ class SuperModel:
     def input_slots(self) -> tuple[int, ...]:
         """Places in theta of everything that acts between command and plant."""
         return tuple(k for c in self.candidates if isinstance(c.effect, InputEffect) for k in c.slots)
-
-    @cached_property
-    def past_slots(self) -> tuple[int, ...]:
-        """Places in theta of everything that an effect with a state of its own remembers the motion by."""
-        return tuple(k for c in self.remembered for k in c.slots)
 
     def find(self, name: str, on: str) -> Candidate:
         """The candidate of that name and target."""
