@@ -13,6 +13,7 @@ the link is.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -80,31 +81,23 @@ def memories(past: Any, theta: Floats, t: Floats, speeds: Floats, firsts: Ints) 
     past: their rates, as in `SuperModel`.
     """
     none, one = np.zeros_like(speeds.T), np.ones_like(speeds.T)
-    free, loaded = (past(z, speeds.T, theta) for z in (none, one))
-    out = np.empty_like(speeds)
-    for j in range(speeds.shape[1]):
-        drive = np.broadcast_to(free[j], t.shape).astype(np.float64)
-        fade = drive - np.broadcast_to(loaded[j], t.shape)
-        column = np.empty(t.size)
-        _followed(t, np.ascontiguousarray(drive), np.ascontiguousarray(fade), firsts, column)
-        out[:, j] = column
-    return out
+    rates = zip(past(none, speeds.T, theta), past(one, speeds.T, theta), strict=True)
+    edges, zero = np.append(firsts, t.size), np.zeros(t.size)
+    return np.stack([_followed(t, zero + free, zero + free - loaded, edges) for free, loaded in rates], axis=1)
 
 
-@njit("void(float64[::1], float64[::1], float64[::1], int64[::1], float64[::1])", cache=True)
-def _followed(t: Floats, drive: Floats, fade: Floats, firsts: Ints, out: Floats) -> None:
+@njit("float64[::1](float64[::1], float64[::1], float64[::1], int64[::1])", cache=True)
+def _followed(t: Floats, drive: Floats, fade: Floats, edges: Ints) -> Floats:
     """Solve z' = drive - fade z from 0 at the first stamp of each trace, exactly between stamps."""
-    trace = 0
-    for k in range(t.size):
-        if trace < firsts.size and k == firsts[trace]:
-            trace += 1
-            out[k] = 0.0
-            continue
-        h, a, b = t[k] - t[k - 1], drive[k - 1], fade[k - 1]
-        if abs(b * h) < 1e-9:
-            out[k] = out[k - 1] + a * h
-        else:
-            out[k] = a / b + (out[k - 1] - a / b) * np.exp(-b * h)
+    out = np.zeros(t.size)
+    for trace in range(edges.size - 1):
+        for k in range(edges[trace] + 1, edges[trace + 1]):
+            h, a, b = t[k] - t[k - 1], drive[k - 1], fade[k - 1]
+            if abs(b * h) < 1e-9:
+                out[k] = out[k - 1] + a * h
+            else:
+                out[k] = a / b + (out[k - 1] - a / b) * np.exp(-b * h)
+    return out
 
 
 _RIGID = 10.0  # rad between two readings: a spring that is quicker is simulated no more, as each turn costs steps
@@ -176,18 +169,18 @@ def beside_motors(model: SymbolicModel, places: list[tuple[Effect, str]]) -> lis
     return [(e, on) for e, on in places if isinstance(e, DriveTrainEffect) or on in e.targets(loose)]
 
 
-def twists_by_torque(t: Floats, v: Floats, u: Floats, law: Floats, firsts: Ints) -> Floats:
+def twists_by_torque(t: Floats, v: Floats, u: Floats, law: Floats, edges: Ints) -> Floats:
     """Twist of a spring and its rate at every stamp, (n, 2), with the motor as measured: from what it passes on.
 
     That is the drive less what the motor's inertia takes; a place to begin at, from where windows are fitted.
 
     Args:
         t: (n,) s; v: (n,) the motor's speed, smoothed; u: (n,) the drive, held from each stamp on.
-        law: its numbers; firsts: first sample of each trace.
+        law: its numbers; edges: first sample of each trace, and their number.
     """
     inertia, k, *_ = law
     out = np.zeros((t.size, 2))
-    for a, b in zip(firsts.tolist(), [*firsts[1:].tolist(), t.size], strict=True):
+    for a, b in itertools.pairwise(edges.tolist()):
         if b - a > 1 and k > 0.0:
             acting = np.append(u[a], (u[a : b - 1] + u[a + 1 : b]) / 2)
             out[a:b, 0] = (acting - inertia * np.gradient(v[a:b], t[a:b])) / k
@@ -195,26 +188,23 @@ def twists_by_torque(t: Floats, v: Floats, u: Floats, law: Floats, firsts: Ints)
     return out
 
 
-@njit(
-    "void(float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], int64[::1], float64[:, ::1])",
-    cache=True,
-)
-def twists(t: Floats, q: Floats, v: Floats, u: Floats, law: Floats, firsts: Ints, out: Floats) -> None:
+@njit("float64[:, ::1](float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], int64[::1])", cache=True)
+def twists(t: Floats, q: Floats, v: Floats, u: Floats, law: Floats, edges: Ints) -> Floats:
     """Twist and its rate at every stamp, (n, 2), with the link as measured, (n,): semi-implicit steps between stamps.
 
     Args:
         t: (n,) s; q, v: (n,) the link; u: (n,) the drive, held from each stamp on; law: (I, k, c, half, h).
-        firsts: first sample of each trace.
+        edges: first sample of each trace, and their number.
     """
     inertia, k, c, half, stops, pressed, depth = law
     quick = math.sqrt((k + stops) / inertia)
-    trace, p, r = 0, 0.0, 0.0
-    for i in range(t.size):
-        if trace < firsts.size and i == firsts[trace]:
-            trace += 1
-            side = 1.0 if u[i] > 0.0 else -1.0
-            p, r = q[i] + u[i] / (k + stops) + side * half, v[i]
-        else:
+    out = np.empty((t.size, 2))
+    for trace in range(edges.size - 1):
+        first = edges[trace]
+        side = 1.0 if u[first] > 0.0 else -1.0
+        p, r = q[first] + u[first] / (k + stops) + side * half, v[first]
+        out[first, 0], out[first, 1] = p - q[first], 0.0
+        for i in range(first + 1, edges[trace + 1]):
             dt = t[i] - t[i - 1]
             count = max(math.ceil(quick * dt / 0.15), 2)
             h = dt / count
@@ -227,4 +217,5 @@ def twists(t: Floats, q: Floats, v: Floats, u: Floats, law: Floats, firsts: Ints
                 back = max(stops * down - pressed * s * min(1.0, down * depth), 0.0)
                 r += h * (u[i - 1] - k * w - c * s - held + back) / inertia
                 p += h * r
-        out[i, 0], out[i, 1] = p - q[i], r - v[i]
+            out[i, 0], out[i, 1] = p - q[i], r - v[i]
+    return out

@@ -238,16 +238,16 @@ class Problem:
         return self.memo.kept(f"twists of {k}", theta[slots].tobytes(), partial(self._make_twists, k, theta))
 
     def _make_twists(self, k: int, theta: Floats) -> Floats:
-        train, out = self.model.trains[k], np.zeros((len(self.t), 2))
-        if train.quick(theta) > 0.0:
-            on, law = self.model.model.coordinate(train.on), np.array(train.numbers(theta), dtype=np.float64)
-            make = partial(measured_link, on, self.model.measured, self.t, self.y, self.firsts)
-            q, v = self.memo.kept(f"link of {k}", b"", make)
-            felt = self._felt(theta, train.inputs)
-            if train.read_at_motor(theta):
-                return twists_by_torque(self.t, v, felt, law, self.firsts)
-            twists(self.t, q, v, felt, law[:-1], self.firsts, out)
-        return out
+        train = self.model.trains[k]
+        if train.quick(theta) == 0.0:
+            return np.zeros((len(self.t), 2))
+        on, law = self.model.model.coordinate(train.on), np.array(train.numbers(theta), dtype=np.float64)
+        make = partial(measured_link, on, self.model.measured, self.t, self.y, self.firsts)
+        q, v = self.memo.kept(f"link of {k}", b"", make)
+        felt = self._felt(theta, train.inputs)
+        if train.read_at_motor(theta):
+            return twists_by_torque(self.t, v, felt, law, self.edges)
+        return np.asarray(twists(self.t, q, v, felt, law[:-1], self.edges))
 
     def _felt(self, theta: Floats, inputs: tuple[int, ...]) -> Floats:
         """The sum of some inputs as the plant feels it at each stamp, (n,)."""
@@ -312,11 +312,11 @@ class Problem:
     def _make_drive(self, theta: Floats) -> Drive:
         level = np.empty_like(self.u)
         self.model.static(self.u, theta, level)
-        delay, lag = np.array(self.model.memory(theta), dtype=np.float64).reshape(2, -1).copy()
+        delay, lag = np.array(self.model.memory(theta), dtype=np.float64).reshape(2, -1)
         self._bring_forward(level, delay)
         excess = np.zeros_like(level)
         for c in np.flatnonzero(lag > 0.0):
-            excess[:, c] = lagged_excess(self.t, np.ascontiguousarray(level[:, c]), self.firsts, float(lag[c]))
+            excess[:, c] = lagged_excess(self.t, np.ascontiguousarray(level[:, c]), self.edges, float(lag[c]))
         return level, excess, delay, lag
 
     def _bring_forward(self, level: Floats, delay: Floats) -> None:
@@ -329,17 +329,14 @@ class Problem:
 
 
 @njit("float64[::1](float64[::1], float64[::1], int64[::1], float64)", cache=True)
-def lagged_excess(t: Floats, level: Floats, firsts: Ints, lag: float) -> Floats:
+def lagged_excess(t: Floats, level: Floats, edges: Ints, lag: float) -> Floats:
     """Lagged input minus its target at each stamp, exactly, for inputs held between stamps: (n,).
 
     z' = (u - z) / T gives e_k = e_{k-1} exp(-dt/T) + u_{k-1} - u_k; each trace starts settled.
     """
     excess = np.zeros_like(level)
-    trace = 0
-    for k in range(t.size):
-        if trace < firsts.size and k == firsts[trace]:
-            trace += 1
-        else:
+    for trace in range(edges.size - 1):
+        for k in range(edges[trace] + 1, edges[trace + 1]):
             excess[k] = excess[k - 1] * math.exp(-(t[k] - t[k - 1]) / lag) + level[k - 1] - level[k]
     return excess
 
