@@ -317,9 +317,9 @@ def chosen_columns(
     weights, correlated = weights_of(fit, len(keys))
     g: Floats | None
     if weighed:
-        size, n = fit.x.shape[2], fit.y.shape[1]  # beside every column at once, to begin from
-        found = _gains_beside(fit, range(size), shared, np.zeros(size), weights, correlated, range(n))
-        g = np.ones(n) if found is None else found.g
+        every, none = range(len(keys)), np.zeros(len(keys))  # beside every column at once, to begin from
+        found = _gains_beside(fit, every, shared, none, weights, correlated, range(len(inputs)))
+        g = np.ones(len(inputs)) if found is None else found.g
     else:
         chosen = choose(keys, fit, judge, weights, correlated, most)
         g = lone_gains(keys, inputs, fit, judge, weights, correlated, most, chosen.bic)

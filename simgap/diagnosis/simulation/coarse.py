@@ -104,9 +104,8 @@ def _blocks(problem: Problem, k: int) -> Problem:
     """Blocks of k samples around every k-th one of each trace."""
     mean = _bias(problem, k) <= _BIAS / np.sqrt(k)
     parts = [_thinned(problem, a, b, k, mean) for a, b in itertools.pairwise(problem.edges.tolist())]
-    lengths = [len(part[0]) for part in parts]
-    firsts = np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64)
-    t, y, u, weight, used = (np.ascontiguousarray(np.concatenate([part[j] for part in parts])) for j in range(5))
+    firsts = np.cumsum([0, *(len(part[0]) for part in parts[:-1])])
+    t, y, u, weight, used = (np.ascontiguousarray(np.concatenate(each)) for each in zip(*parts, strict=True))
     windows = _mapped(problem.windows, problem.firsts, firsts, k)
     sigma, colour = problem.sigma / np.sqrt(k) if mean else problem.sigma, problem.colour
     if colour is not None:

@@ -101,10 +101,8 @@ def compile_dynamics(
     groups = ([v.symbol for v in plant.states], [v.symbol for v in plant.inputs], [symbol("gate"), *names], signs)
     main, rest = compile_kernel(exprs[:nx], groups), compile_kernel(exprs[nx:], groups)
     constants = compile_kernel([split[-1], *inner], (theta,))
-    slope = _slope(main, rest, nx)
-    index = [plant.state_names.index(c.velocity) for c in plant.coordinates]
-    free = _free(main, rest, nx)
-    return Dynamics(slope, free, constants, np.array(index, dtype=np.int64))
+    index = np.array([plant.state_names.index(c.velocity) for c in plant.coordinates], dtype=np.int64)
+    return Dynamics(_slope(main, rest, nx), _free(main, rest, nx), constants, index)
 
 
 def _slope(main: Any, rest: Any, nx: int) -> Any:

@@ -360,18 +360,10 @@ def build_problem(
     model: SuperModel, record: Record, windows: Windows, sigma: Floats, weight: Floats | None = None
 ) -> Problem:
     """Lay the traces one after another; sigma: (k,) noise of each channel, weight: (n, k) of the readings (1)."""
-    t = np.concatenate([trace.t for trace in record.traces])
-    lengths = [len(trace.t) for trace in record.traces]
-    return Problem(
-        model=model,
-        t=t,
-        y=np.ascontiguousarray(np.concatenate([trace.y for trace in record.traces])),
-        u=np.ascontiguousarray(np.concatenate([trace.u for trace in record.traces])),
-        firsts=np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64),
-        windows=windows,
-        sigma=sigma,
-        h_max=interval(t),
-        used=np.ascontiguousarray(np.concatenate([trace.compared for trace in record.traces])),
-        heard=np.ones(len(record.measured)),
-        weight=np.ones((len(t), len(record.measured))) if weight is None else weight,
+    t, y, u, used = (
+        np.ascontiguousarray(np.concatenate([getattr(trace, name) for trace in record.traces]))
+        for name in ("t", "y", "u", "compared")
     )
+    firsts = np.cumsum([0, *(len(trace.t) for trace in record.traces[:-1])])
+    weight = np.ones(y.shape) if weight is None else weight
+    return Problem(model, t, y, u, firsts, windows, sigma, interval(t), used, np.ones(len(sigma)), weight)

@@ -173,7 +173,11 @@ def linearise(problem: Problem, theta: Floats, x0: Floats, directions: Sequence[
     steps = state_steps(x0)
     for part in chunks(problem):
         sub = problem.pick(part)
-        residual, columns, states = _columns(sub, theta, x0[part], directions, steps)
+        here, moved = state_columns(sub, theta, x0[part], steps)
+        residual, states = here.ravel(), np.ascontiguousarray(moved.reshape(nx, -1).T)
+        columns = np.empty((len(residual), p))
+        for j, d in enumerate(directions):
+            columns[:, j] = (residual - sub.residuals(d.away, x0[part]).ravel()) / d.step
         lengths = np.diff(sub.rows) * problem.y.shape[1]
         for length in np.unique(lengths):
             (alike,) = np.nonzero(lengths == length)
@@ -200,17 +204,6 @@ def _orthogonal(states: Floats) -> tuple[Floats, Floats]:
         q[j], r[j] = 0.0, np.diag(np.where(kept, 0.0, np.abs(r[j]).max(initial=1.0)))
         q[j][:, kept], r[j][np.ix_(kept, kept)] = np.linalg.qr(states[j][:, kept])
     return q, r
-
-
-def _columns(
-    problem: Problem, theta: Floats, x0: Floats, directions: Sequence[Direction], steps: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """Flat residual (rows k,), parameter columns (rows k, p) and initial-state columns (rows k, nx), over sigma."""
-    here, states = state_columns(problem, theta, x0, steps)
-    centre, columns = here.ravel(), np.empty((here.size, len(directions)))
-    for j, d in enumerate(directions):
-        columns[:, j] = (centre - problem.residuals(d.away, x0).ravel()) / d.step
-    return centre, columns, np.ascontiguousarray(states.reshape(len(steps), -1).T)
 
 
 def with_values(theta: Floats, values: Mapping[int, float]) -> Floats:
