@@ -162,11 +162,11 @@ def doubted(
     }
 
 
-def weights_of(part: Part, size: int) -> tuple[Floats, Floats]:
+def weights_of(part: Part) -> tuple[Floats, Floats]:
     """(n,) one over the spread that every column together leaves, and rows that count as one there."""
-    theta = np.zeros(size)
+    theta = np.zeros(part.x.shape[2])
     for _ in range(3):
-        theta = solve(*part.grams(1.0 / np.maximum(spread(part, theta), 1e-12)), range(size))
+        theta = solve(*part.grams(1.0 / np.maximum(spread(part, theta), 1e-12)), range(len(theta)))
     return 1.0 / np.maximum(spread(part, theta), 1e-12), correlation_rows(part, theta)
 
 
@@ -314,7 +314,7 @@ def chosen_columns(
     Gains come first: with wrong ones no choice among the rest is right. Where other bodies stand beside them nothing
     tells the one from the other but a known mass, and what was chosen without gains stays.
     """
-    weights, correlated = weights_of(fit, len(keys))
+    weights, correlated = weights_of(fit)
     g: Floats | None
     if weighed:
         every, none = range(len(keys)), np.zeros(len(keys))  # beside every column at once, to begin from
@@ -326,7 +326,7 @@ def chosen_columns(
         if g is None:
             return chosen, weights, correlated, None
     known, fit, judge = fit.beside(judge), scaled(fit, g, shared), scaled(judge, g, shared)
-    scales, drives = weights_of(fit, len(keys)), None
+    scales, drives = weights_of(fit), None
     right = choose(keys, fit, judge, *scales, most)
     if weighed or not any(keys[k].effect == INERTIAL for k in right.active):
         active, theta, _ = settled(keys, fit.beside(judge), scales[0], right.active)

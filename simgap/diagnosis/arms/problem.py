@@ -95,9 +95,8 @@ def motions(record: Record, ends: Sequence[Coordinate], torques: Sequence[str]) 
             f"no joint moves in any recording (faster than {_STILL:g} rad/s or m/s)", key="measured.files",
             remedy="Name recordings in which the arm moves: at rest dry friction balances any force.",
         )  # fmt: skip
-    cut = min(BAND * band, _OF_THE_RATE * rate)
-    low_pass = Filter(cut, rate)
-    return tuple(_smooth(trace.name, raw_trace, low_pass) for trace, raw_trace in zip(record.traces, raw, strict=True))
+    low_pass = Filter(min(BAND * band, _OF_THE_RATE * rate), rate)
+    return tuple(_smooth(trace.name, *each, low_pass) for trace, each in zip(record.traces, raw, strict=True))
 
 
 def _even(
@@ -122,8 +121,7 @@ def _band(v: Floats, rate: float) -> float:
     return float(np.fft.rfftfreq(len(v), 1.0 / rate)[np.searchsorted(share, 1.0 - SELDOM)])
 
 
-def _smooth(name: str, raw: tuple[Floats, Floats, Floats, Floats], low_pass: Filter) -> Motion:
-    t, q, v, u = raw
+def _smooth(name: str, t: Floats, q: Floats, v: Floats, u: Floats, low_pass: Filter) -> Motion:
     v = low_pass(v)
     rows = np.zeros(len(t), dtype=bool)
     edge = int(low_pass.rate / low_pass.cut)

@@ -15,18 +15,14 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from simgap.arrays import Floats, Ints
-from simgap.effects.base import Effect, driven_by
-from simgap.effects.drive_train import DriveTrainEffect, Law, with_motor
 from simgap.late import njit
-from simgap.late import sympy as sp
-from simgap.model.symbolic import Coordinate, SymbolicModel
+from simgap.model.symbolic import Coordinate
 from simgap.signals import savgol_filter
 
 _SPAN_S, _ORDER = 0.15, 4
@@ -40,7 +36,7 @@ def _traces(t: Floats, firsts: Ints, span: float) -> Iterator[tuple[int, int, fl
     """Of each trace with two stamps at least: from, to, interval (s), samples of a local polynomial over a span (s)."""
     for a, b in zip(firsts.tolist(), [*firsts[1:].tolist(), len(t)], strict=True):
         if b - a > 1:
-            dt = max(float(np.median(np.diff(t[a:b]))), 1e-9)
+            dt = float(np.median(np.diff(t[a:b])))
             yield a, b, dt, min(max(2 * (round(span / dt) // 2) + 1, _FEWEST), _MOST, b - a - 1 + (b - a) % 2)  # odd
 
 
@@ -51,7 +47,7 @@ def measured_speeds(on: Sequence[Coordinate], measured: Sequence[str], t: Floats
         for a, b, _, size in _traces(t, firsts, _SPAN_S):
             if c.position in measured and size > 3:
                 q = savgol_filter(y[a:b, measured.index(c.position)], size, min(_ORDER, size - 1))
-                out[a : b - 1, j] = np.diff(q) / np.maximum(np.diff(t[a:b]), 1e-9)
+                out[a : b - 1, j] = np.diff(q) / np.diff(t[a:b])
             elif c.velocity in measured:
                 out[a:b, j] = y[a:b, measured.index(c.velocity)]
     return out
@@ -98,75 +94,6 @@ def _followed(t: Floats, drive: Floats, fade: Floats, edges: Ints) -> Floats:
             else:
                 out[k] = a / b + (out[k - 1] - a / b) * np.exp(-b * h)
     return out
-
-
-_RIGID = 10.0  # rad between two readings: a spring that is quicker is simulated no more, as each turn costs steps
-
-
-@dataclass(frozen=True)
-class Train:
-    """A motor behind a coordinate.
-
-    Attributes:
-        on: the coordinate; law: the torque between them, over theta.
-        position, velocity: places of the link's states; inputs: columns of what drives the motor.
-        slots: places in theta of its numbers; numbers: theta -> those of its law.
-    """
-
-    on: str
-    law: Law
-    position: int
-    velocity: int
-    inputs: tuple[int, ...]
-    slots: tuple[int, ...]
-    numbers: Callable[[Floats], Sequence[float]]
-
-    def swings(self, theta: Floats) -> bool:
-        """Whether what is not read does not forget how it began: a motor on a spring; a link that nothing reads."""
-        return self.numbers(theta)[1] > 0.0 or self.read_at_motor(theta)
-
-    def read_at_motor(self, theta: Floats) -> bool:
-        """Whether the joint's sensors read the motor, and the link is what has to be inferred."""
-        return self.numbers(theta)[7] > 0.0
-
-    def quick(self, theta: Floats) -> float:
-        """How fast the motor swings against a link that stands still, 1/s; 0 where there is no motor."""
-        inertia, spring, _, _, stops, *_ = self.numbers(theta)
-        stiffness = spring + stops
-        return math.sqrt(stiffness / inertia) if inertia > 0.0 and stiffness > 0.0 else 0.0
-
-    def rigid(self, theta: Floats, interval: float) -> bool:
-        """Whether the spring is so stiff that readings this far apart (s) tell nothing of it."""
-        inertia, spring, *_ = self.numbers(theta)
-        return spring * interval**2 > _RIGID**2 * inertia
-
-
-def trains_of(
-    model: SymbolicModel, effects: Sequence[tuple[Effect, str, tuple[int, ...]]], theta: Sequence[sp.Symbol]
-) -> tuple[Train, ...]:  # fmt: skip
-    """One for each coordinate behind which an effect, on it, with its places in theta, puts a motor."""
-    laws: dict[str, Law] = {}
-    slots: dict[str, tuple[int, ...]] = {}
-    for effect, on, own in effects:
-        if isinstance(effect, DriveTrainEffect):
-            law = effect.law({p.symbol: theta[k] for p, k in zip(effect.parameters, own, strict=True)})
-            laws[on] = laws[on] + law if on in laws else law
-            slots[on] = slots.get(on, ()) + own
-    found = []
-    for on, law in laws.items():
-        link, place = model.coordinate(on), model.state_names.index
-        inputs = tuple(model.input_names.index(u) for u in driven_by(model, on))
-        numbers = sp.lambdify([theta], law.numbers, modules="math")
-        found.append(Train(on, law, place(link.position), place(link.velocity), inputs, slots[on], numbers))
-    return tuple(found)
-
-
-def beside_motors(model: SymbolicModel, places: list[tuple[Effect, str]]) -> list[tuple[Effect, str]]:
-    """Without what has no place where a motor stands behind its joint: a law of the speed of what an input drives."""
-    loose = model
-    for on in dict.fromkeys(on for e, on in places if isinstance(e, DriveTrainEffect)):
-        loose = with_motor(loose, on, Law(sp.Integer(1)))
-    return [(e, on) for e, on in places if isinstance(e, DriveTrainEffect) or on in e.targets(loose)]
 
 
 def twists_by_torque(t: Floats, v: Floats, u: Floats, law: Floats, edges: Ints) -> Floats:

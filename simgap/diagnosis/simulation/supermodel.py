@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
+import operator
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any, TypeVar
 
 import numpy as np
@@ -14,11 +16,10 @@ from numba import types, void
 from simgap.arrays import Floats
 from simgap.diagnosis.record.faults.measurement import ReadingFault, is_fault, possible
 from simgap.diagnosis.simulation.dynamics import Dynamics, compile_dynamics
-from simgap.diagnosis.simulation.past import Train, beside_motors, trains_of
 from simgap.effects import EFFECTS, Effect, EffectParameter, StaticInputEffect, effect
-from simgap.effects.base import CoordinateEffect, MemoryForceEffect
+from simgap.effects.base import CoordinateEffect, MemoryForceEffect, driven_by
 from simgap.effects.commands import InputEffect, MemoryInputEffect
-from simgap.effects.drive_train import DriveTrainEffect, with_motor
+from simgap.effects.drive_train import DriveTrainEffect, Law, with_motor
 from simgap.errors import UserError
 from simgap.late import sympy as sp
 from simgap.model.compile import Kernel, cached_kernel_as, compile_kernel
@@ -67,6 +68,47 @@ class Candidate:
     def of_recording(self) -> bool:
         """Whether it is a fault of the recording, and not of the plant."""
         return is_fault(self.effect.name)
+
+
+_RIGID = 10.0  # rad between two readings: a spring that is quicker is simulated no more, as each turn costs steps
+
+
+@dataclass(frozen=True)
+class Train:
+    """A motor behind a coordinate.
+
+    Attributes:
+        on: the coordinate; law: the torque between them, over theta.
+        position, velocity: places of the link's states; inputs: columns of what drives the motor.
+        slots: places in theta of its numbers; numbers: theta -> those of its law.
+    """
+
+    on: str
+    law: Law
+    position: int
+    velocity: int
+    inputs: tuple[int, ...]
+    slots: tuple[int, ...]
+    numbers: Callable[[Floats], Sequence[float]]
+
+    def swings(self, theta: Floats) -> bool:
+        """Whether what is not read does not forget how it began: a motor on a spring; a link that nothing reads."""
+        return self.numbers(theta)[1] > 0.0 or self.read_at_motor(theta)
+
+    def read_at_motor(self, theta: Floats) -> bool:
+        """Whether the joint's sensors read the motor, and the link is what has to be inferred."""
+        return self.numbers(theta)[7] > 0.0
+
+    def quick(self, theta: Floats) -> float:
+        """How fast the motor swings against a link that stands still, 1/s; 0 where there is no motor."""
+        inertia, spring, _, _, stops, *_ = self.numbers(theta)
+        stiffness = spring + stops
+        return math.sqrt(stiffness / inertia) if inertia > 0.0 and stiffness > 0.0 else 0.0
+
+    def rigid(self, theta: Floats, interval: float) -> bool:
+        """Whether the spring is so stiff that readings this far apart (s) tell nothing of it."""
+        inertia, spring, *_ = self.numbers(theta)
+        return spring * interval**2 > _RIGID**2 * inertia
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,14 +211,14 @@ def build_supermodel(
         if e.name in named or (not named and (last or not e.last) and (second or not e.second))
     ]  # fmt: skip
     places = [(e, on) for e in chosen for on in (e.targets(model) if e.name in named else e.sought_on(model))]
-    asked = [(e, on) for e, on in beside_motors(model, places) if e.kind != "state" or on in measured]
+    asked = [(e, on) for e, on in _beside_motors(model, places) if e.kind != "state" or on in measured]
     candidates: list[Candidate] = []
     specs: list[EffectParameter] = []
     for e, on in [*asked, *possible(model, measured)]:
         candidates.append(Candidate(e, on, tuple(range(len(specs), len(specs) + len(e.parameters)))))
         specs += list(e.parameters)
     theta = tuple(symbol(f"theta_{k}") for k in range(len(specs)))
-    trains = trains_of(model, [(c.effect, c.on, c.slots) for c in candidates], theta)
+    trains = _trains(model, candidates, theta)
     driven = model
     for train in trains:
         driven = with_motor(driven, train.on, train.law)
@@ -196,6 +238,28 @@ def build_supermodel(
         trains=trains,
         memory=sp.lambdify([theta], _memory(model, candidates, theta), modules="math"),
     )
+
+
+def _beside_motors(model: SymbolicModel, places: list[tuple[Effect, str]]) -> list[tuple[Effect, str]]:
+    """Without what has no place where a motor stands behind its joint: a law of the speed of what an input drives."""
+    loose = model
+    for on in dict.fromkeys(on for e, on in places if isinstance(e, DriveTrainEffect)):
+        loose = with_motor(loose, on, Law(sp.Integer(1)))
+    return [(e, on) for e, on in places if isinstance(e, DriveTrainEffect) or on in e.targets(loose)]
+
+
+def _trains(model: SymbolicModel, candidates: list[Candidate], theta: tuple[sp.Symbol, ...]) -> tuple[Train, ...]:
+    """One for each coordinate behind which an effect puts a motor."""
+    motors, found = [(c, c.effect) for c in candidates if isinstance(c.effect, DriveTrainEffect)], []
+    for on in dict.fromkeys(c.on for c, _ in motors):
+        own = [(c, e) for c, e in motors if c.on == on]
+        law = reduce(operator.add, (e.law(c.values(theta)) for c, e in own))
+        link, place = model.coordinate(on), model.state_names.index
+        inputs = tuple(model.input_names.index(u) for u in driven_by(model, on))
+        slots = tuple(k for c, _ in own for k in c.slots)
+        numbers = sp.lambdify([theta], law.numbers, modules="math")
+        found.append(Train(on, law, place(link.position), place(link.velocity), inputs, slots, numbers))
+    return tuple(found)
 
 
 def _insert(
