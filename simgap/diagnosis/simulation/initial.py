@@ -6,7 +6,7 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.diagnosis.simulation.problem import FARTHEST, Problem
-from simgap.diagnosis.simulation.sensitivity import state_columns, state_steps
+from simgap.diagnosis.simulation.sensitivity import state_columns, state_steps, sums
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
 
@@ -111,8 +111,7 @@ def _best_angle(problem: Problem, x0: Floats, i: int) -> Floats:
     for angle in np.linspace(-np.pi, np.pi, _HEADINGS, endpoint=False):
         tried = x0.copy()
         tried[:, i] = angle
-        squares = np.sum(problem.residuals(problem.model.null, tried) ** 2, axis=1)
-        size = np.add.reduceat(squares, problem.rows[:-1])
+        size = sums(problem, problem.residuals(problem.model.null, tried))
         better = size < least
         best[better], least[better] = tried[better], size[better]
     return best

@@ -17,7 +17,7 @@ from simgap.diagnosis.record.record import MIN_SAMPLES
 from simgap.diagnosis.simulation.initial import at_rest, initial_states
 from simgap.diagnosis.simulation.noise_law import LIMIT, are_gross
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.simulation.sensitivity import chunks, state_columns, state_steps
+from simgap.diagnosis.simulation.sensitivity import chunks, state_columns, state_steps, sums
 from simgap.diagnosis.thresholds import FEWEST_WINDOWS, NEAR
 
 SOONER = 10.0
@@ -46,7 +46,7 @@ def window_chi2(problem: Problem, theta: Floats, x0: Floats) -> Floats:
     parts = []
     for part in chunks(problem):
         sub = problem.pick(part)
-        parts.append(_sums(sub, sub.residuals(theta, x0[part])))
+        parts.append(sums(sub, sub.residuals(theta, x0[part])))
     return np.concatenate(parts)
 
 
@@ -136,10 +136,6 @@ def better(a: Refit, b: Refit) -> Refit:
     return Refit(np.where(won[:, None], b.x0, a.x0), np.minimum(a.chi2, b.chi2), np.where(won, b.promise, a.promise))
 
 
-def _sums(problem: Problem, residual: Floats) -> Floats:
-    return np.asarray(np.add.reduceat(np.einsum("rk,rk->r", residual, residual), problem.rows[:-1]))
-
-
 def _refit(problem: Problem, theta: Floats, x0: Floats, steps: Floats, most: int, useless: Floats) -> Refit:
     x0, w = x0.copy(), len(x0)
     chi2, gram, gradient = _normal(problem, theta, x0, steps)
@@ -174,7 +170,7 @@ def _normal(problem: Problem, theta: Floats, x0: Floats, steps: Floats) -> tuple
     first = problem.rows[:-1]
     gram = np.add.reduceat(np.einsum("irk,jrk->ijr", columns, columns), first, axis=2).transpose(2, 0, 1)
     gradient = np.add.reduceat(np.einsum("irk,rk->ir", columns, centre), first, axis=1).T
-    return _sums(problem, centre), gram, gradient
+    return sums(problem, centre), gram, gradient
 
 
 def _damped(gram: Floats, gradient: Floats, damping: Floats) -> tuple[Floats, Floats, Floats]:

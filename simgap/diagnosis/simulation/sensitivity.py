@@ -140,6 +140,11 @@ def chunks(problem: Problem) -> Iterator[Ints]:
         begin = stop
 
 
+def sums(problem: Problem, residual: Floats) -> Floats:
+    """Sum of squares of each window, (w,): (rows, k)."""
+    return np.asarray(np.add.reduceat(np.einsum("rk,rk->r", residual, residual), problem.rows[:-1]))
+
+
 def state_steps(x0: Floats) -> Floats:
     """Difference steps for the initial states, (nx,)."""
     return 1e-6 * (0.1 + np.abs(x0).max(axis=0))
