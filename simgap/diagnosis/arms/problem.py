@@ -249,18 +249,15 @@ def part_of(
     return parts[0].beside(*parts[1:])
 
 
-def _payloads(
-    whole: Floats, tree: Tree, payloads: Sequence[Payload], trace: str
-) -> tuple[Floats | float, list[Floats]]:
+def _payloads(whole: Floats, tree: Tree, payloads: Sequence[Payload], trace: str) -> tuple[Floats, list[Floats]]:
     """Torque of the known masses on board (R, n), and columns of what is to be found of each payload."""
-    weight: Floats | float = 0.0
-    columns = []
+    weight, columns = np.zeros(whole.shape[:2]), list[Floats]()
     for p in payloads:
         first, seen = 10 * tree.links.index(p.link), payload_columns(tree, p)
         on_board = trace in p.traces
         columns.append(whole[:, :, first + seen] * float(on_board))
         if on_board and p.mass is not None:
-            weight = weight + p.mass * whole[:, :, first]
+            weight += p.mass * whole[:, :, first]
     return weight, columns
 
 

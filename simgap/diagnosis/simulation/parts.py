@@ -104,9 +104,8 @@ def parts_of(model: SymbolicModel, record: Record, settings: DiagnosisSettings) 
     compiled = _compiled(model, record.measured, settings)
     readings = worth(record)
     sigma = readings.sigma
-    for name, value in settings.noise.items():
-        if name in record.measured:
-            sigma[record.measured.index(name)] = value
+    for k, name in enumerate(record.measured):
+        sigma[k] = settings.noise.get(name, sigma[k])
     ahead = needed_ahead(record, settings.window_s, settings.horizon_s)
     traces, share = settings.held_out_traces, settings.held_out_share
     windows, folds, length = cut_in_folds(record, settings.window_s, traces, share, ahead)
