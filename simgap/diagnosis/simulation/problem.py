@@ -47,8 +47,7 @@ class Memo:
             values[key] = make()
             if len(values) > _REMEMBERED:
                 del values[next(iter(values))]
-        found: T = values[key]
-        return found
+        return values[key]
 
 
 @dataclass(frozen=True, eq=False)
