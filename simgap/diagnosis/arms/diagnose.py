@@ -29,7 +29,6 @@ from simgap.diagnosis.arms.problem import (
     keys_of,
     motions,
     part_of,
-    rest_speeds,
 )
 from simgap.diagnosis.arms.torque_columns import faulty_columns, without
 from simgap.diagnosis.record.noise import noise_floor
@@ -60,9 +59,9 @@ def diagnose_arm(
     """
     every = motions(record, ends, inputs)
     tell(f"{len(every)} traces, smoothed below {every[0].low_pass.cut:.3g} Hz")
-    base, rest = base_parameters(tree), rest_speeds(every)
+    base = base_parameters(tree)
     keys = keys_of(tree, base, inputs, payloads)
-    part = part_of(every, tree, base, payloads, rest, known)
+    part = part_of(every, tree, base, payloads, known)
     names = [m.trace for m in every]
     folds = folds_of(part, names, settings.held_out_traces, settings.held_out_share, payloads)
     shared = [k for k, key in enumerate(keys) if key.joint is None]
@@ -293,11 +292,9 @@ def _density(left: Floats, part: Part, found: Found, heard: Sequence[int]) -> Fl
 
 def verdict(before: Floats, after: Floats, floor: Floats, gain: Gain, something: bool) -> Verdict:
     """The word: at the floor as declared, at the floor with the effects, surely better with them, or none of these."""
-    old, new = (
-        float(np.sqrt(np.sum((e / np.maximum(floor, 1e-300)) ** 2) / max(len(floor), 1))) for e in (before, after)
-    )
     if not len(floor):
         return "unexplained"  # no torque says anything
+    old, new = (float(np.sqrt(np.mean((e / np.maximum(floor, 1e-300)) ** 2))) for e in (before, after))
     if old <= math.sqrt(FIT_QUALITY):
         return "none"
     if something and new <= math.sqrt(FIT_QUALITY):

@@ -40,8 +40,7 @@ EXPECTED = ("viscous_friction", "coulomb_friction")
 def solve(gram: Floats, right: Floats, active: Sequence[int]) -> Floats:
     """Coefficients of least squares over the active columns alone, (p,); directions not in the data stay 0."""
     theta, own = np.zeros(len(right)), np.array(active, dtype=np.int64)
-    if len(own):
-        theta[own] = inverted(gram[np.ix_(own, own)]) @ right[own]
+    theta[own] = inverted(gram[np.ix_(own, own)]) @ right[own]
     return theta
 
 
@@ -71,8 +70,6 @@ def standard_errors(part: Part, theta: Floats, active: Sequence[int], weights: F
     longest correlation.
     """
     own, out = np.array(active, dtype=np.int64), np.zeros(len(theta))
-    if not len(own):
-        return out
     w = part.live * weights**2
     x = part.x[:, :, own]
     scores = np.einsum("rjp,rj->rp", x, w * residual(part, theta))
@@ -165,11 +162,11 @@ def doubted(
     }
 
 
-def weights_of(part: Part, size: int) -> tuple[Floats, Floats]:
+def weights_of(part: Part) -> tuple[Floats, Floats]:
     """(n,) one over the spread that every column together leaves, and rows that count as one there."""
-    theta = np.zeros(size)
+    theta = np.zeros(part.x.shape[2])
     for _ in range(3):
-        theta = solve(*part.grams(1.0 / np.maximum(spread(part, theta), 1e-12)), range(size))
+        theta = solve(*part.grams(1.0 / np.maximum(spread(part, theta), 1e-12)), range(len(theta)))
     return 1.0 / np.maximum(spread(part, theta), 1e-12), correlation_rows(part, theta)
 
 
@@ -209,8 +206,6 @@ def _own_direction(gram: Floats, active: tuple[int, ...], k: int) -> bool:
     if gram[k, k] <= 0.0:
         return False
     own = np.array(active, dtype=np.int64)
-    if not len(own):
-        return True
     cross = gram[own, k]
     return float(1.0 - cross @ inverted(gram[np.ix_(own, own)]) @ cross / gram[k, k]) > _OWN**2
 
@@ -319,19 +314,19 @@ def chosen_columns(
     Gains come first: with wrong ones no choice among the rest is right. Where other bodies stand beside them nothing
     tells the one from the other but a known mass, and what was chosen without gains stays.
     """
-    weights, correlated = weights_of(fit, len(keys))
+    weights, correlated = weights_of(fit)
     g: Floats | None
     if weighed:
-        size, n = fit.x.shape[2], fit.y.shape[1]  # beside every column at once, to begin from
-        found = _gains_beside(fit, range(size), shared, np.zeros(size), weights, correlated, range(n))
-        g = np.ones(n) if found is None else found.g
+        every, none = range(len(keys)), np.zeros(len(keys))  # beside every column at once, to begin from
+        found = _gains_beside(fit, every, shared, none, weights, correlated, range(len(inputs)))
+        g = np.ones(len(inputs)) if found is None else found.g
     else:
         chosen = choose(keys, fit, judge, weights, correlated, most)
         g = lone_gains(keys, inputs, fit, judge, weights, correlated, most, chosen.bic)
         if g is None:
             return chosen, weights, correlated, None
     known, fit, judge = fit.beside(judge), scaled(fit, g, shared), scaled(judge, g, shared)
-    scales, drives = weights_of(fit, len(keys)), None
+    scales, drives = weights_of(fit), None
     right = choose(keys, fit, judge, *scales, most)
     if weighed or not any(keys[k].effect == INERTIAL for k in right.active):
         active, theta, _ = settled(keys, fit.beside(judge), scales[0], right.active)

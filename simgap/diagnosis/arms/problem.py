@@ -95,15 +95,8 @@ def motions(record: Record, ends: Sequence[Coordinate], torques: Sequence[str]) 
             f"no joint moves in any recording (faster than {_STILL:g} rad/s or m/s)", key="measured.files",
             remedy="Name recordings in which the arm moves: at rest dry friction balances any force.",
         )  # fmt: skip
-    cut = min(BAND * band, _OF_THE_RATE * rate)
-    low_pass = Filter(cut, rate)
-    return tuple(_smooth(trace.name, raw_trace, low_pass) for trace, raw_trace in zip(record.traces, raw, strict=True))
-
-
-def rest_speeds(every: Sequence[Motion]) -> Floats:
-    """(n,) speed below which a joint counts as at rest: dry friction is then any force up to its size."""
-    fastest = np.max([np.abs(m.v).max(axis=0) for m in every], axis=0)
-    return np.maximum(AT_REST * fastest, 1e-9)
+    low_pass = Filter(min(BAND * band, _OF_THE_RATE * rate), rate)
+    return tuple(_smooth(trace.name, *each, low_pass) for trace, each in zip(record.traces, raw, strict=True))
 
 
 def _even(
@@ -128,8 +121,7 @@ def _band(v: Floats, rate: float) -> float:
     return float(np.fft.rfftfreq(len(v), 1.0 / rate)[np.searchsorted(share, 1.0 - SELDOM)])
 
 
-def _smooth(name: str, raw: tuple[Floats, Floats, Floats, Floats], low_pass: Filter) -> Motion:
-    t, q, v, u = raw
+def _smooth(name: str, t: Floats, q: Floats, v: Floats, u: Floats, low_pass: Filter) -> Motion:
     v = low_pass(v)
     rows = np.zeros(len(t), dtype=bool)
     edge = int(low_pass.rate / low_pass.cut)
@@ -229,7 +221,7 @@ def payload_columns(tree: Tree, payload: Payload) -> Ints:
 
 
 def part_of(
-    motions: Sequence[Motion], tree: Tree, base: BaseParameters, payloads: Sequence[Payload], rest: Floats,
+    motions: Sequence[Motion], tree: Tree, base: BaseParameters, payloads: Sequence[Payload],
     known: Mapping[str, Floats],
 ) -> Part:  # fmt: skip
     """The rows of some traces.
@@ -238,6 +230,8 @@ def part_of(
         known: terms that the case declares, effect -> (n,) parameters, which are part of the declared model.
     """
     parts = list[Part]()
+    # so slow is at rest, where dry friction is any force up to its size
+    rest = np.maximum(AT_REST * np.max([np.abs(m.v).max(axis=0) for m in motions], axis=0), 1e-9)
     for m in motions:
         whole = m.low_pass(regressor(tree, m.q, m.v, m.a))[m.used]
         felt = m.low_pass(m.a)  # as in the regressor: an inertia of bodies and of a rotor are compared alike
@@ -255,18 +249,15 @@ def part_of(
     return parts[0].beside(*parts[1:])
 
 
-def _payloads(
-    whole: Floats, tree: Tree, payloads: Sequence[Payload], trace: str
-) -> tuple[Floats | float, list[Floats]]:
+def _payloads(whole: Floats, tree: Tree, payloads: Sequence[Payload], trace: str) -> tuple[Floats, list[Floats]]:
     """Torque of the known masses on board (R, n), and columns of what is to be found of each payload."""
-    weight: Floats | float = 0.0
-    columns = []
+    weight, columns = np.zeros(whole.shape[:2]), list[Floats]()
     for p in payloads:
         first, seen = 10 * tree.links.index(p.link), payload_columns(tree, p)
         on_board = trace in p.traces
         columns.append(whole[:, :, first + seen] * float(on_board))
         if on_board and p.mass is not None:
-            weight = weight + p.mass * whole[:, :, first]
+            weight += p.mass * whole[:, :, first]
     return weight, columns
 
 

@@ -63,17 +63,14 @@ def faulty_columns(
         part: rows that may be looked at; first: its first column of a term.
         inputs: input of each joint.
     """
-    n = part.y.shape[1]
-    faults, out = list[RecordingFault](), set[int]()
-    declared = part.torque - part.y
-    for j in range(n):
-        size = float(np.std(part.torque[:, j]))
-        if size <= _CONSTANT * float(np.std(declared[:, j])):
-            sentence = f"The column of {inputs[j]} does not change while the arm moves. {_TAKEN_OUT}"
-            faults.append(ConstantColumn().told(inputs[j], float(np.mean(part.torque[:, j])), sentence))
-            out.add(j)
-    own = {j: _line(part, first, j, j) for j in range(n) if j not in out}
-    for j in sorted(own):
+    faults = list[RecordingFault]()
+    still = np.std(part.torque, axis=0) <= _CONSTANT * np.std(part.torque - part.y, axis=0)
+    out = set(np.flatnonzero(still).tolist())
+    for j in sorted(out):
+        sentence = f"The column of {inputs[j]} does not change while the arm moves. {_TAKEN_OUT}"
+        faults.append(ConstantColumn().told(inputs[j], float(np.mean(part.torque[:, j])), sentence))
+    own = {j: _line(part, first, j, j) for j in np.flatnonzero(~still).tolist()}
+    for j in own:
         better = _other(part, first, j, own[j], [k for k in own if k != j])
         if better is None:
             continue

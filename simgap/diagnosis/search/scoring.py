@@ -224,7 +224,7 @@ def best_of_each(scores: Sequence[Score]) -> list[Score]:
 def column(theta: Floats, c: Candidate, start: Start, j: int, amplitude: float) -> Direction:
     """Direction of one coefficient of a start in theta (q,), from the point where the others are zero."""
     coefficients = [amplitude if i == j else 0.0 for i in range(start.size)]
-    return Direction(with_values(theta, c.by_slot(start.point(coefficients))), theta, amplitude)
+    return Direction(with_values(theta, c.by_slot(start.point(coefficients))), amplitude)
 
 
 def small_amplitude(problem: Problem, at: Fit, c: Candidate, start: Start, index: int, starts: Starts) -> float:
@@ -240,7 +240,7 @@ def small_amplitude(problem: Problem, at: Fit, c: Candidate, start: Start, index
         x0, amplitude = at.x0[few], 1e-4
         base = part.residuals(at.theta, x0)
         for _ in range(4):
-            moved = part.residuals(column(at.theta, c, start, 0, amplitude).plus, x0)
+            moved = part.residuals(column(at.theta, c, start, 0, amplitude).away, x0)
             size = float(np.sqrt(np.mean(np.minimum(np.abs(moved - base), 1e6) ** 2)))
             if size > 0.0 and 0.2 < size / wanted < 5.0:
                 break

@@ -39,7 +39,8 @@ def coarse(problem: Problem, rows: int = SEARCH_ROWS, together: int = 1) -> Prob
         rows: the most samples of all windows together.
         together: neighbouring windows that are kept or left out together (a prediction may be longer than a window).
     """
-    k = _block(problem)
+    lengths = np.diff(problem.rows)
+    k = _odd(int(np.median(lengths)) // SAMPLES_A_WINDOW if len(lengths) else 1)
     while k > 1 and _moved(problem, k) > _BIAS:
         k = _odd(k // 2)
     thin = problem if k == 1 else settled(_blocks(problem, k))
@@ -52,13 +53,8 @@ def coarse(problem: Problem, rows: int = SEARCH_ROWS, together: int = 1) -> Prob
     return thin.on(thin.windows.pick(np.isin(group, spread)))
 
 
-def _block(problem: Problem) -> int:
-    """Samples in a block: odd, so that one of them is its middle."""
-    lengths = problem.windows.stop - problem.windows.start
-    return _odd(int(np.median(lengths)) // SAMPLES_A_WINDOW if len(lengths) else 1)
-
-
 def _odd(k: int) -> int:
+    """So many samples in a block that one of them is its middle."""
     return max(k - (1 - k % 2), 1)
 
 
@@ -108,9 +104,8 @@ def _blocks(problem: Problem, k: int) -> Problem:
     """Blocks of k samples around every k-th one of each trace."""
     mean = _bias(problem, k) <= _BIAS / np.sqrt(k)
     parts = [_thinned(problem, a, b, k, mean) for a, b in itertools.pairwise(problem.edges.tolist())]
-    lengths = [len(part[0]) for part in parts]
-    firsts = np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64)
-    t, y, u, weight, used = (np.ascontiguousarray(np.concatenate([part[j] for part in parts])) for j in range(5))
+    firsts = np.cumsum([0, *(len(part[0]) for part in parts[:-1])])
+    t, y, u, weight, used = (np.ascontiguousarray(np.concatenate(each)) for each in zip(*parts, strict=True))
     windows = _mapped(problem.windows, problem.firsts, firsts, k)
     sigma, colour = problem.sigma / np.sqrt(k) if mean else problem.sigma, problem.colour
     if colour is not None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ from numba.extending import intrinsic
 from simgap.arrays import Floats, Ints
 from simgap.late import sympy as sp
 from simgap.model.compile import cached_kernel_as, compile_kernel
-from simgap.model.symbolic import SymbolicModel, kinds, symbol
+from simgap.model.symbolic import SymbolicModel, symbol
 
 VECTOR, MATRIX, INDICES, FLAGS = float64[::1], float64[:, ::1], int64[::1], boolean[::1]
 SLOPE_SIGNATURE = void(VECTOR, VECTOR, VECTOR, VECTOR, FLAGS, INDICES, VECTOR)
@@ -31,7 +31,6 @@ STEP_SIGNATURE = void(VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, float64, i
 """(x, u, u halfway, u at the end, constants, signs, h, steps, at): steps of length h (s), x in place; (2 nx,) to
 work in."""
 STEP = types.FunctionType(STEP_SIGNATURE)
-_TRANSCENDENTAL = "sin cos tan tanh atan exp log"
 
 
 def address_of(function: Any, kind: types.FunctionType) -> int:
@@ -51,14 +50,6 @@ def function_at(typing: Any, kind: Any, address: Any) -> Any:
         return made._getvalue()
 
     return function(kind, address), generate
-
-
-@dataclass(frozen=True)
-class Costly:
-    """Terms of xdot that are only evaluated while `gate` (an expression of the parameters) is not 0."""
-
-    xdot: tuple[sp.Expr, ...]
-    gate: sp.Expr
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,27 +83,26 @@ class Dynamics:
         return out
 
 
-def is_costly(force: sp.Expr) -> bool:
-    """Whether a term is worth skipping while it is switched off."""
-    return bool(force.has(*kinds(_TRANSCENDENTAL)))
+def compile_dynamics(
+    plant: SymbolicModel, costly: Sequence[sp.Expr], gate: sp.Expr, theta: tuple[sp.Symbol, ...]
+) -> Dynamics:
+    """Compile xdot over (x, u, constants, signs): the sign of each coordinate's velocity is an argument of its own.
 
-
-def compile_dynamics(plant: SymbolicModel, costly: Costly, theta: tuple[sp.Symbol, ...]) -> Dynamics:
-    """Compile xdot over (x, u, constants, signs): the sign of each coordinate's velocity is an argument of its own."""
+    Args:
+        plant: xdot; costly: terms of it that are only evaluated while `gate`, an expression of theta, is not 0.
+    """
     speeds = [symbol(c.velocity) for c in plant.coordinates]
     signs = [symbol(f"sign_{k}") for k in range(len(speeds))]
     swap = {sp.sign(v): s for v, s in zip(speeds, signs, strict=True)}
     swap |= {s: sp.Float(v) for s, v in plant.values().items()}
     nx = len(plant.states)
-    split = [sp.sympify(e).xreplace(swap) for e in (*plant.xdot, *costly.xdot, costly.gate)]
+    split = [sp.sympify(e).xreplace(swap) for e in (*plant.xdot, *costly, gate)]
     exprs, names, inner = hoist(split[:-1], theta)
     groups = ([v.symbol for v in plant.states], [v.symbol for v in plant.inputs], [symbol("gate"), *names], signs)
     main, rest = compile_kernel(exprs[:nx], groups), compile_kernel(exprs[nx:], groups)
     constants = compile_kernel([split[-1], *inner], (theta,))
-    slope = _slope(main, rest, nx)
-    index = [plant.state_names.index(c.velocity) for c in plant.coordinates]
-    free = _free(main, rest, nx)
-    return Dynamics(slope, free, constants, np.array(index, dtype=np.int64))
+    index = np.array([plant.state_names.index(c.velocity) for c in plant.coordinates], dtype=np.int64)
+    return Dynamics(_slope(main, rest, nx), _free(main, rest, nx), constants, index)
 
 
 def _slope(main: Any, rest: Any, nx: int) -> Any:
@@ -185,26 +175,17 @@ def hoist(
         the rewritten expressions, the constants' symbols, and what each constant is.
     """
     known: dict[sp.Expr, sp.Symbol] = {}
-    frees: dict[sp.Basic, set[sp.Basic]] = {}
-    walked: dict[sp.Basic, sp.Basic] = {}
     inner = set(parameters)
 
     def constant(e: sp.Expr) -> sp.Symbol:
-        if e not in known:
-            known[e] = sp.Symbol(f"hoisted_{len(known)}", real=True)
-        return known[e]
+        return known.setdefault(e, symbol(f"hoisted_{len(known)}"))
 
+    @cache
     def symbols(e: sp.Basic) -> set[sp.Basic]:
-        if e not in frees:
-            frees[e] = set().union(*map(symbols, e.args)) if e.args else set(e.free_symbols)
-        return frees[e]
+        return set().union(*map(symbols, e.args)) if e.args else set(e.free_symbols)
 
+    @cache
     def walk(e: sp.Basic) -> sp.Basic:
-        if e not in walked:
-            walked[e] = anew(e)
-        return walked[e]
-
-    def anew(e: sp.Basic) -> sp.Basic:
         free = symbols(e)
         if not free & inner or not e.args:
             return constant(e) if free and isinstance(e, sp.Symbol) and e in inner else e

@@ -6,7 +6,7 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.diagnosis.simulation.problem import FARTHEST, Problem
-from simgap.diagnosis.simulation.sensitivity import state_columns, state_steps
+from simgap.diagnosis.simulation.sensitivity import state_columns, state_steps, sums
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
 
@@ -73,13 +73,11 @@ def _value_and_slope(t: Floats, y: Floats, sigma: float) -> tuple[float, float]:
     The span is the one whose slope has the smallest standard error, with what the cubic misses taken for noise.
     """
     best, least = (float(y[0]), 0.0), np.inf
-    for n in _SPANS:
-        if n > len(t) and n > min(_SPANS):
-            continue
-        s = max(float(t[:n][-1]), 1e-9)
-        basis = np.vander(t[:n] / s, min(4, len(t[:n]) - 1), increasing=True)
+    for n in (n for n in _SPANS if n <= len(t)):
+        s = float(t[n - 1])
+        basis = np.vander(t[:n] / s, 4, increasing=True)
         fit = np.linalg.lstsq(basis, y[:n], rcond=None)[0]
-        missed = float(np.sqrt(np.sum(np.square(y[:n] - basis @ fit)) / max(len(basis) - basis.shape[1], 1)))
+        missed = float(np.sqrt(np.sum(np.square(y[:n] - basis @ fit)) / (n - 4)))
         error = max(missed, sigma) * float(np.linalg.norm(np.linalg.pinv(basis)[1])) / s
         if error < least:
             best, least = (float(fit[0]), float(fit[1]) / s), error
@@ -91,7 +89,7 @@ def _value_and_slope(t: Floats, y: Floats, sigma: float) -> tuple[float, float]:
 def at_rest(problem: Problem, guess: Floats) -> Floats:
     """The guess with dry-friction coordinates at rest, measured positions the mean of the first samples: (w, nx)."""
     names, x0 = problem.model.model.state_names, guess.copy()
-    x0[:, problem.model.speed] = 0.0
+    x0[:, problem.model.dynamics.speed] = 0.0
     for c in problem.model.model.coordinates:
         if c.position in problem.model.measured:
             column = problem.y[:, problem.model.measured.index(c.position)]
@@ -113,8 +111,7 @@ def _best_angle(problem: Problem, x0: Floats, i: int) -> Floats:
     for angle in np.linspace(-np.pi, np.pi, _HEADINGS, endpoint=False):
         tried = x0.copy()
         tried[:, i] = angle
-        squares = np.sum(problem.residuals(problem.model.null, tried) ** 2, axis=1)
-        size = np.add.reduceat(squares, problem.rows[:-1])
+        size = sums(problem, problem.residuals(problem.model.null, tried))
         better = size < least
         best[better], least[better] = tried[better], size[better]
     return best

@@ -77,9 +77,8 @@ class Colour:
 
     def of_blocks(self, size: int, mean: bool) -> tuple[Colour, Floats]:
         """The law for every `size`-th reading, as block mean or as it is, and its standard deviation (k,)."""
-        if not mean:
-            return Colour(self.shared, self.tau, self.interval * size), np.ones(len(self.tau))
-        after = Colour(self.shared, self.tau, self.interval, size)
+        own = (self.interval, size) if mean else (self.interval * size, 1)
+        after = Colour(self.shared, self.tau, *own)
         return after, np.sqrt(after._moments[0])
 
     @cached_property

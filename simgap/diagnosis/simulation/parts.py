@@ -15,7 +15,7 @@ from simgap.diagnosis.simulation.initial import GROWTH, runs_away
 from simgap.diagnosis.simulation.problem import Memo, Problem, build_problem
 from simgap.diagnosis.simulation.step_length import settled
 from simgap.diagnosis.simulation.supermodel import SuperModel, cached_supermodel
-from simgap.effects import EFFECTS
+from simgap.effects import effect
 from simgap.model.symbolic import SymbolicModel
 
 
@@ -50,13 +50,12 @@ class Parts:
         Fitted windows are cut where such errors were seen to begin and to end: each part has an initial state.
         """
         parts = self.changed(lambda p: replace(p, usual=usual))
-        known, fit, choose = (p.on(cut_at(p.windows, p.t, spans)) for p in (parts.known, parts.fit, parts.choose))
-        return replace(parts, known=known, fit=fit, choose=choose)
+        return replace(parts.changed(lambda p: p.on(cut_at(p.windows, p.t, spans))), confirm=parts.confirm)
 
     def leaving_out(self, spans: tuple[Span, ...]) -> Parts:
         """The same without those times in what is fitted and in what chooses; what confirms is kept whole."""
-        known, fit, choose = (p.on(left_out(p.windows, p.t, spans)) for p in (self.known, self.fit, self.choose))
-        return replace(self, known=known, fit=fit, choose=choose, left_out=spans)
+        parts = self.changed(lambda p: p.on(left_out(p.windows, p.t, spans)))
+        return replace(parts, confirm=self.confirm, left_out=spans)
 
     def with_tier(self, settings: DiagnosisSettings, second: bool, last: bool) -> Parts:
         """The same windows and law of the noise with other candidates: see `parts_of`."""
@@ -96,7 +95,7 @@ def _compiled(
     `second`: with effects that others are tried before; `last`: with those that are sought after all others; but for
     these, the ones that the settings name beside others are left out until then.
     """
-    early = tuple(n for n in settings.effects if n not in EFFECTS or not EFFECTS[n].last)
+    early = tuple(n for n in settings.effects if not effect(n).last)
     return cached_supermodel(model, measured, settings.effects if last or not early else early, second, last)
 
 
@@ -105,9 +104,8 @@ def parts_of(model: SymbolicModel, record: Record, settings: DiagnosisSettings) 
     compiled = _compiled(model, record.measured, settings)
     readings = worth(record)
     sigma = readings.sigma
-    for name, value in settings.noise.items():
-        if name in record.measured:
-            sigma[record.measured.index(name)] = value
+    for k, name in enumerate(record.measured):
+        sigma[k] = settings.noise.get(name, sigma[k])
     ahead = needed_ahead(record, settings.window_s, settings.horizon_s)
     traces, share = settings.held_out_traces, settings.held_out_share
     windows, folds, length = cut_in_folds(record, settings.window_s, traces, share, ahead)
@@ -116,13 +114,13 @@ def parts_of(model: SymbolicModel, record: Record, settings: DiagnosisSettings) 
     every = build_problem(compiled, record, windows, sigma, readings.weight)
     while runs_away(every) and windows.samples > 4 * MIN_SAMPLES * len(windows):
         windows, folds, length = cut_in_folds(record, length / 2, traces, share, ahead)
-        every = build_problem(compiled, record, windows, sigma, readings.weight)
+        every = every.on(windows)
     said = (*said, _RUNS_AWAY.format(length, cut, GROWTH**2)) if length < cut else said
     every = settled(every)
     moves = any(model.units[name] in _OF_MOTION for name in model.state_names)
     if moves and model.wheels is None and not model.coordinates:
         said = (*said, _NO_COORDINATES)
-    named = [EFFECTS[n] for n in settings.effects if n in EFFECTS]
+    named = map(effect, settings.effects)
     said = (*said, *(_NO_PLACE.format(e.name, e.needs) for e in named if not e.targets(model)))
     known = folds.fit | folds.choose
     fit, choose, confirm = (every.on(windows.pick(mask)) for mask in (folds.fit, folds.choose, folds.confirm))

@@ -47,8 +47,7 @@ class Memo:
             values[key] = make()
             if len(values) > _REMEMBERED:
                 del values[next(iter(values))]
-        found: T = values[key]
-        return found
+        return values[key]
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,21 +105,18 @@ class Problem:
         """The same problem without the last `late_s` of each trace, where what acted was logged after its end."""
         if late_s <= 0.0:
             return self
-        ends = dict(zip(self.firsts.tolist(), self.t[self.edges[1:] - 1].tolist(), strict=True))
-        traces = set(zip(self.windows.trace.tolist(), self.windows.first.tolist(), strict=True))
-        spans = tuple((k, ends[f] - late_s, math.inf) for k, f in sorted(traces))
+        ends = self.t[self.edges[1:] - 1] - late_s
+        spans = tuple((k, end, math.inf) for k, end in enumerate(ends.tolist()))
         return self.on(left_out(self.windows, self.t, spans))
 
-    def part(self, which: slice) -> Problem:
-        """The same data and model on a slice of the windows."""
-        if which == slice(0, len(self.windows)):
-            return self
-        return self.on(self.windows.pick(np.arange(len(self.windows))[which]))
+    def pick(self, which: Ints) -> Problem:
+        """The same data and model on some of the windows, each once; itself, with what it keeps, if these are all."""
+        return self if len(which) == len(self.windows) else self.on(self.windows.pick(which))
 
     def some(self, count: int = 8) -> tuple[Problem, Ints]:
         """So many windows spread over all, and which they are."""
         few = np.unique(np.linspace(0, len(self.windows) - 1, count).astype(np.int64))
-        return self.on(self.windows.pick(few)), few
+        return self.pick(few), few
 
     @cached_property
     def edges(self) -> Ints:
@@ -153,10 +149,10 @@ class Problem:
         """Degrees of freedom that motors which swing behind their joints take at theta (q,), two in each window."""
         return 2.0 * len(self.windows) * sum(train.swings(theta) for train in self.model.trains)
 
-    @property
-    def _root_weight(self) -> Floats | None:
-        """(n, k) factors of the misses; None where all are 1."""
-        return self.memo.kept("weight", b"", lambda: np.sqrt(self.weight) if np.any(self.weight < 1.0) else None)
+    @cached_property
+    def _factors(self) -> Floats:
+        """(rows, k) of the misses: the root of what a reading is worth, 0 for channels that are not fitted."""
+        return np.sqrt(self.weight[self.samples]) * self.heard
 
     @property
     def spacing(self) -> float:
@@ -201,31 +197,27 @@ class Problem:
         """The same with the states of motors, (rows, begun)."""
         if any(train.rigid(theta, self.spacing) for train in self.model.trains):
             return np.full((int(self.rows[-1]), self.model.begun), np.nan)
-        level, excess, delay, lag = self._drive(theta)
-        w, rows, constants = self.windows, self.rows, self.model.dynamics.constants_at(theta)
-        begin = np.ascontiguousarray(x0[:, : self.model.nx])
+        w, begin = self.windows, x0.copy()
         for k, train in enumerate(self.model.trains):
-            link = x0[:, [train.position, train.velocity]]
-            own = x0[:, self.model.nx + 2 * k : self.model.nx + 2 * k + 2]
-            away = train.swings(theta) * own + self._twists(k, theta)[w.start]
+            link, motor = [train.position, train.velocity], self.model.nx + np.array([2 * k, 2 * k + 1])
+            away = train.swings(theta) * x0[:, motor] + self._twists(k, theta)[w.start]
             if train.read_at_motor(theta):  # what was fitted is the motor's
-                begin[:, [train.position, train.velocity]] = link - away
-                begin = np.hstack([begin, link])
+                begin[:, motor], begin[:, link] = x0[:, link], x0[:, link] - away
             else:
-                begin = np.hstack([begin, link + away])
+                begin[:, motor] = x0[:, link] + away
         if self.model.remembered:
             begin = np.hstack([begin, self._memories(theta)[w.start]])
-        out = np.empty((int(rows[-1]), begin.shape[1]))
+        out = np.empty((int(self.rows[-1]), begin.shape[1]))
         simulate(
-            *self.model.dynamics.addresses, self.t, level, excess, delay, lag, constants, begin, w.first, w.start,
-            w.stop, np.ascontiguousarray(rows[:-1]), self.model.speed, self._step(theta), out,
+            *self.model.dynamics.addresses, self.t, *self._drive(theta), self.model.dynamics.constants_at(theta), begin,
+            w.first, w.start, w.stop, self.rows[:-1], self.model.dynamics.speed, self._step(theta), out,
         )  # fmt: skip
         return np.ascontiguousarray(out[:, : self.model.begun])
 
     def _step(self, theta: Floats) -> float:
         """Longest step, s: shorter where a motor against its link is quick."""
         quick = max((train.quick(theta) for train in self.model.trains), default=0.0)
-        return self.h_max / max(1.0, quick * self.spacing / _TURN) if quick > 0.0 else self.h_max
+        return self.h_max / max(1.0, quick * self.spacing / _TURN)
 
     def _speeds(self) -> Floats:
         """Measured speed between the stamps of each coordinate that an effect remembers, (n, h); kept."""
@@ -235,9 +227,9 @@ class Problem:
 
     def _memories(self, theta: Floats) -> Floats:
         """The effects' own states at every stamp, (n, h); kept for the last few of their numbers."""
-        key = theta[list(self.model.past_slots)].tobytes()
+        slots = [k for c in self.model.remembered for k in c.slots]
         make = partial(memories, self.model.past, theta, self.t, self._speeds(), self.firsts)
-        return self.memo.kept("memories", key, make)
+        return self.memo.kept("memories", theta[slots].tobytes(), make)
 
     def _twists(self, k: int, theta: Floats) -> Floats:
         """Twist and its rate of a motor against its link at every stamp, (n, 2); kept for the last few laws."""
@@ -245,16 +237,16 @@ class Problem:
         return self.memo.kept(f"twists of {k}", theta[slots].tobytes(), partial(self._make_twists, k, theta))
 
     def _make_twists(self, k: int, theta: Floats) -> Floats:
-        train, out = self.model.trains[k], np.zeros((len(self.t), 2))
-        if train.quick(theta) > 0.0:
-            on, law = self.model.model.coordinate(train.on), np.array(train.numbers(theta), dtype=np.float64)
-            make = partial(measured_link, on, self.model.measured, self.t, self.y, self.firsts)
-            q, v = self.memo.kept(f"link of {k}", b"", make)
-            felt = self._felt(theta, train.inputs)
-            if train.read_at_motor(theta):
-                return twists_by_torque(self.t, v, felt, law, self.firsts)
-            twists(self.t, q, v, felt, law[:-1], self.firsts, out)
-        return out
+        train = self.model.trains[k]
+        if train.quick(theta) == 0.0:
+            return np.zeros((len(self.t), 2))
+        on, law = self.model.model.coordinate(train.on), np.array(train.numbers(theta), dtype=np.float64)
+        make = partial(measured_link, on, self.model.measured, self.t, self.y, self.firsts)
+        q, v = self.memo.kept(f"link of {k}", b"", make)
+        felt = self._felt(theta, train.inputs)
+        if train.read_at_motor(theta):
+            return twists_by_torque(self.t, v, felt, law, self.edges)
+        return np.asarray(twists(self.t, q, v, felt, law[:-1], self.edges))
 
     def _felt(self, theta: Floats, inputs: tuple[int, ...]) -> Floats:
         """The sum of some inputs as the plant feels it at each stamp, (n,)."""
@@ -303,10 +295,7 @@ class Problem:
         residual = self.misses(theta, x0)
         if self.colour is not None:
             whiten(residual, self.rows, *self.colour.memory)
-        if (root := self._root_weight) is not None:
-            residual *= root[self.samples]
-        if not self.heard.all():
-            residual *= self.heard
+        residual *= self._factors
         return residual if self.usual is None else limited(residual, self.spread)
 
     @property
@@ -322,11 +311,11 @@ class Problem:
     def _make_drive(self, theta: Floats) -> Drive:
         level = np.empty_like(self.u)
         self.model.static(self.u, theta, level)
-        delay, lag = np.array(self.model.memory(theta), dtype=np.float64).reshape(2, -1).copy()
+        delay, lag = np.array(self.model.memory(theta), dtype=np.float64).reshape(2, -1)
         self._bring_forward(level, delay)
         excess = np.zeros_like(level)
         for c in np.flatnonzero(lag > 0.0):
-            excess[:, c] = lagged_excess(self.t, np.ascontiguousarray(level[:, c]), self.firsts, float(lag[c]))
+            excess[:, c] = lagged_excess(self.t, np.ascontiguousarray(level[:, c]), self.edges, float(lag[c]))
         return level, excess, delay, lag
 
     def _bring_forward(self, level: Floats, delay: Floats) -> None:
@@ -339,17 +328,14 @@ class Problem:
 
 
 @njit("float64[::1](float64[::1], float64[::1], int64[::1], float64)", cache=True)
-def lagged_excess(t: Floats, level: Floats, firsts: Ints, lag: float) -> Floats:
+def lagged_excess(t: Floats, level: Floats, edges: Ints, lag: float) -> Floats:
     """Lagged input minus its target at each stamp, exactly, for inputs held between stamps: (n,).
 
     z' = (u - z) / T gives e_k = e_{k-1} exp(-dt/T) + u_{k-1} - u_k; each trace starts settled.
     """
     excess = np.zeros_like(level)
-    trace = 0
-    for k in range(t.size):
-        if trace < firsts.size and k == firsts[trace]:
-            trace += 1
-        else:
+    for trace in range(edges.size - 1):
+        for k in range(edges[trace] + 1, edges[trace + 1]):
             excess[k] = excess[k - 1] * math.exp(-(t[k] - t[k - 1]) / lag) + level[k - 1] - level[k]
     return excess
 
@@ -373,18 +359,10 @@ def build_problem(
     model: SuperModel, record: Record, windows: Windows, sigma: Floats, weight: Floats | None = None
 ) -> Problem:
     """Lay the traces one after another; sigma: (k,) noise of each channel, weight: (n, k) of the readings (1)."""
-    t = np.concatenate([trace.t for trace in record.traces])
-    lengths = [len(trace.t) for trace in record.traces]
-    return Problem(
-        model=model,
-        t=t,
-        y=np.ascontiguousarray(np.concatenate([trace.y for trace in record.traces])),
-        u=np.ascontiguousarray(np.concatenate([trace.u for trace in record.traces])),
-        firsts=np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64),
-        windows=windows,
-        sigma=sigma,
-        h_max=interval(t),
-        used=np.ascontiguousarray(np.concatenate([trace.compared for trace in record.traces])),
-        heard=np.ones(len(record.measured)),
-        weight=np.ones((len(t), len(record.measured))) if weight is None else weight,
+    t, y, u, used = (
+        np.ascontiguousarray(np.concatenate([getattr(trace, name) for trace in record.traces]))
+        for name in ("t", "y", "u", "compared")
     )
+    firsts = np.cumsum([0, *(len(trace.t) for trace in record.traces[:-1])])
+    weight = np.ones(y.shape) if weight is None else weight
+    return Problem(model, t, y, u, firsts, windows, sigma, interval(t), used, np.ones(len(sigma)), weight)

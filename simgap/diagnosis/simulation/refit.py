@@ -16,7 +16,7 @@ from simgap.arrays import Bools, Floats, Ints
 from simgap.diagnosis.simulation.initial import at_rest, initial_states
 from simgap.diagnosis.simulation.noise_law import LIMIT, are_gross
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.simulation.sensitivity import chunks, state_columns, state_steps
+from simgap.diagnosis.simulation.sensitivity import chunks, state_columns, state_steps, sums
 from simgap.diagnosis.thresholds import FEWEST_WINDOWS, NEAR
 
 SOONER = 10.0
@@ -44,8 +44,8 @@ def window_chi2(problem: Problem, theta: Floats, x0: Floats) -> Floats:
     """Sum of squared residuals over the noise of each window, (w,)."""
     parts = []
     for part in chunks(problem):
-        sub = problem.part(part)
-        parts.append(_sums(sub, sub.residuals(theta, x0[part])))
+        sub = problem.pick(part)
+        parts.append(sums(sub, sub.residuals(theta, x0[part])))
     return np.concatenate(parts)
 
 
@@ -55,7 +55,7 @@ def refit(problem: Problem, theta: Floats, x0: Floats, most: int = _MOST, useles
     A window for which `PATIENCE` linear problems in a row promise no less than its `useless` chi^2 (w,) is given up.
     """
     steps, limit = state_steps(x0), np.broadcast_to(useless, len(x0))
-    out = [_refit(problem.part(p), theta, x0[p], steps, most, limit[p]) for p in chunks(problem)]
+    out = [_refit(problem.pick(p), theta, x0[p], steps, most, limit[p]) for p in chunks(problem)]
     return Refit(*(np.concatenate(a) for a in zip(*((r.x0, r.chi2, r.promise) for r in out), strict=True)))
 
 
@@ -84,7 +84,7 @@ def begun_afresh(problem: Problem, theta: Floats, best: Refit, which: Bools) -> 
     lost = np.flatnonzero(which)
     if not lost.size:
         return best
-    return _better_at(lost, best, _from_starts(_pick(problem, lost), theta, best.x0[lost]))
+    return _better_at(lost, best, _from_starts(problem.pick(lost), theta, best.x0[lost]))
 
 
 def _from_starts(problem: Problem, theta: Floats, x0: Floats) -> Refit:
@@ -104,19 +104,16 @@ def _from_starts(problem: Problem, theta: Floats, x0: Floats) -> Refit:
 
 
 def _from_here(problem: Problem, theta: Floats, x0: Floats) -> Refit:
-    """From x0. Where misses may be gross errors all of them are at a bad start: there what counts as usual shrinks step
-    by step."""
+    """From x0. Where misses may be gross errors all of them are at a bad start: windows that hold some are fitted from
+    where nothing is one, then by steps from where what counts as usual shrinks."""
     best = refit(problem, theta, x0)
-    return best if problem.usual is None else _from_afar(problem, theta, x0, best)
-
-
-def _from_afar(problem: Problem, theta: Floats, x0: Floats, best: Refit) -> Refit:
-    """Windows that hold gross errors, from where nothing is one and then by steps from where fewer and fewer are."""
+    if problem.usual is None:
+        return best
     gross = are_gross(problem.residuals(theta, best.x0), problem.spread).any(axis=1)
     bad = np.flatnonzero(np.logical_or.reduceat(gross, problem.rows[:-1]))
     if not bad.size:
         return best
-    part = _pick(problem, bad)
+    part = problem.pick(bad)
     at = refit(replace(part, usual=None), theta, x0[bad]).x0
     for times in _LADDER:
         at = refit(replace(part, usual=times * part.spread * part.sigma), theta, at).x0
@@ -136,10 +133,6 @@ def better(a: Refit, b: Refit) -> Refit:
     return Refit(np.where(won[:, None], b.x0, a.x0), np.minimum(a.chi2, b.chi2), np.where(won, b.promise, a.promise))
 
 
-def _sums(problem: Problem, residual: Floats) -> Floats:
-    return np.asarray(np.add.reduceat(np.einsum("rk,rk->r", residual, residual), problem.rows[:-1]))
-
-
 def _refit(problem: Problem, theta: Floats, x0: Floats, steps: Floats, most: int, useless: Floats) -> Refit:
     x0, w = x0.copy(), len(x0)
     chi2, gram, gradient = _normal(problem, theta, x0, steps)
@@ -155,7 +148,7 @@ def _refit(problem: Problem, theta: Floats, x0: Floats, steps: Floats, most: int
         if not active.size:
             break
         tried = x0[active] + step
-        sub = sub if len(active) == len(sub.windows) else _pick(problem, active)  # they only get fewer
+        sub = sub if len(active) == len(sub.windows) else problem.pick(active)  # they only get fewer
         after, bent, pull = _normal(sub, theta, tried, steps)
         won = after < chi2[active]
         softer = np.maximum(damping[active] / SOONER, _SOFTEST)
@@ -168,17 +161,13 @@ def _refit(problem: Problem, theta: Floats, x0: Floats, steps: Floats, most: int
     return Refit(x0, chi2, left)
 
 
-def _pick(problem: Problem, which: Ints) -> Problem:
-    return problem if len(which) == len(problem.windows) else problem.on(problem.windows.pick(which))
-
-
 def _normal(problem: Problem, theta: Floats, x0: Floats, steps: Floats) -> tuple[Floats, Floats, Floats]:
     """chi^2 (w,), J^T J (w, nx, nx) and J^T r (w, nx) of the initial states of each window."""
     centre, columns = state_columns(problem, theta, x0, steps)
     first = problem.rows[:-1]
     gram = np.add.reduceat(np.einsum("irk,jrk->ijr", columns, columns), first, axis=2).transpose(2, 0, 1)
     gradient = np.add.reduceat(np.einsum("irk,rk->ir", columns, centre), first, axis=1).T
-    return _sums(problem, centre), gram, gradient
+    return sums(problem, centre), gram, gradient
 
 
 def _damped(gram: Floats, gradient: Floats, damping: Floats) -> tuple[Floats, Floats, Floats]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simgap.arrays import Bools, Floats
+from simgap.arrays import Bools, Floats, Ints
 from simgap.diagnosis.simulation.problem import Problem
 
 Missed = Callable[[Problem, Floats, Floats], Floats]
@@ -36,11 +36,10 @@ width at 0.2, 7 and 6 at 0.02; of four none settled at 0.001."""
 
 @dataclass(frozen=True)
 class Direction:
-    """Two points in parameter space and their distance: the column is (prediction(plus) - prediction(minus)) / span."""
+    """A point away from theta, and the step to it: the column is (prediction(away) - prediction(theta)) / step."""
 
-    plus: Floats
-    minus: Floats
-    span: float
+    away: Floats
+    step: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,8 +101,6 @@ def inverted(gram: Floats, rank: float = 1e-10) -> Floats:
 
 def promised(gram: Floats, gradient: Floats) -> tuple[float, Floats]:
     """Drop of chi^2 that normal equations (p, p), (p,) promise, and their solution (p,)."""
-    if not len(gradient):
-        return 0.0, gradient
     own, size = scaled(gram)
     found = np.linalg.lstsq(own, gradient / size, rcond=1e-10)[0]
     return float(found @ (gradient / size)), np.asarray(found / size)
@@ -111,12 +108,8 @@ def promised(gram: Floats, gradient: Floats) -> tuple[float, Floats]:
 
 def slot_direction(problem: Problem, theta: Floats, slot: int, step: float) -> Direction:
     """One-sided difference in one parameter of theta (q,), away from its limits."""
-    moved = theta.copy()
-    if theta[slot] + step <= problem.model.upper[slot]:
-        moved[slot] += step
-        return Direction(moved, theta, step)
-    moved[slot] -= step
-    return Direction(theta, moved, step)
+    own = step if theta[slot] + step <= problem.model.upper[slot] else -step
+    return Direction(with_values(theta, {slot: theta[slot] + own}), own)
 
 
 def choose_steps(problem: Problem, theta: Floats, x0: Floats, slots: Iterable[int]) -> dict[int, float]:
@@ -129,8 +122,7 @@ def choose_steps(problem: Problem, theta: Floats, x0: Floats, slots: Iterable[in
     steps, here = dict.fromkeys(slots, _FIRST_STEP), part.residuals(theta, x0[few])
     for slot in steps:
         for _ in range(3):
-            d = slot_direction(part, theta, slot, steps[slot])
-            away = d.minus if np.array_equal(d.plus, theta) else d.plus
+            away = slot_direction(part, theta, slot, steps[slot]).away
             response = np.abs(part.residuals(away, x0[few]) - here)
             size = float(np.sqrt(np.mean(np.minimum(response, 1e6) ** 2)))
             if size > 0.0 and 0.2 < size / target < 5.0:
@@ -139,16 +131,18 @@ def choose_steps(problem: Problem, theta: Floats, x0: Floats, slots: Iterable[in
     return steps
 
 
-def chunks(problem: Problem) -> Iterator[slice]:
-    """Slices of windows of a bounded number of samples."""
-    lengths = problem.windows.stop - problem.windows.start
-    begin, rows = 0, 0
-    for k, n in enumerate(lengths):
-        if rows and rows + n > _ROWS_AT_ONCE:
-            yield slice(begin, k)
-            begin, rows = k, 0
-        rows += int(n)
-    yield slice(begin, len(lengths))
+def chunks(problem: Problem) -> Iterator[Ints]:
+    """Neighbouring windows of a bounded number of samples."""
+    begin, count, ends = 0, len(problem.windows), problem.rows[1:]
+    while begin < count:
+        stop = max(int(np.searchsorted(ends, problem.rows[begin] + _ROWS_AT_ONCE, "right")), begin + 1)
+        yield np.arange(begin, stop)
+        begin = stop
+
+
+def sums(problem: Problem, residual: Floats) -> Floats:
+    """Sum of squares of each window, (w,): (rows, k)."""
+    return np.asarray(np.add.reduceat(np.einsum("rk,rk->r", residual, residual), problem.rows[:-1]))
 
 
 def state_steps(x0: Floats) -> Floats:
@@ -183,8 +177,12 @@ def linearise(problem: Problem, theta: Floats, x0: Floats, directions: Sequence[
     state_r, state_b, state_g = np.zeros((w, nx, nx)), np.zeros((w, nx, p)), np.zeros((w, nx))
     steps = state_steps(x0)
     for part in chunks(problem):
-        sub = problem.part(part)
-        residual, columns, states = _columns(sub, theta, x0[part], directions, steps)
+        sub = problem.pick(part)
+        here, moved = state_columns(sub, theta, x0[part], steps)
+        residual, states = here.ravel(), np.ascontiguousarray(moved.reshape(nx, -1).T)
+        columns = np.empty((len(residual), p))
+        for j, d in enumerate(directions):
+            columns[:, j] = (residual - sub.residuals(d.away, x0[part]).ravel()) / d.step
         lengths = np.diff(sub.rows) * problem.y.shape[1]
         for length in np.unique(lengths):
             (alike,) = np.nonzero(lengths == length)
@@ -193,7 +191,7 @@ def linearise(problem: Problem, theta: Floats, x0: Floats, directions: Sequence[
             b, e, back = columns[rows], residual[rows][..., None], q.transpose(0, 2, 1)
             qb, qe = back @ b, back @ e
             b, e = b - q @ qb, e - q @ qe
-            at = part.start + alike
+            at = part[alike]
             window_gram[at], window_gradient[at] = b.transpose(0, 2, 1) @ b, (b.transpose(0, 2, 1) @ e)[..., 0]
             window_rest[at] = np.sum(e * e, axis=(1, 2))
             state_r[at], state_b[at], state_g[at] = r, qb, qe[..., 0]
@@ -211,19 +209,6 @@ def _orthogonal(states: Floats) -> tuple[Floats, Floats]:
         q[j], r[j] = 0.0, np.diag(np.where(kept, 0.0, np.abs(r[j]).max(initial=1.0)))
         q[j][:, kept], r[j][np.ix_(kept, kept)] = np.linalg.qr(states[j][:, kept])
     return q, r
-
-
-def _columns(
-    problem: Problem, theta: Floats, x0: Floats, directions: Sequence[Direction], steps: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """Flat residual (rows k,), parameter columns (rows k, p) and initial-state columns (rows k, nx), over sigma."""
-    here, states = state_columns(problem, theta, x0, steps)
-    centre, columns = here.ravel(), np.empty((here.size, len(directions)))
-    for j, d in enumerate(directions):
-        high = centre if np.array_equal(d.plus, theta) else problem.residuals(d.plus, x0).ravel()
-        low = centre if np.array_equal(d.minus, theta) else problem.residuals(d.minus, x0).ravel()
-        columns[:, j] = (low - high) / d.span
-    return centre, columns, np.ascontiguousarray(states.reshape(len(steps), -1).T)
 
 
 def with_values(theta: Floats, values: Mapping[int, float]) -> Floats:

@@ -51,10 +51,7 @@ def stepped(plant: Any, grip: Any, drive: Any, work: Any, x: Floats, time: float
     input_at(time + h, drive, last)
     for i in range(x.size):
         new[i] = x[i]
-    sticks = False
-    for j in range(speed.size):
-        sticks = sticks or stuck[j]
-    if not sticks:
+    if not np.any(stuck):
         free(new, first, middle, last, theta, s, h, 1, at)
         return
     nx = x.size
@@ -152,10 +149,7 @@ def hold_or_start(plant: Any, grip: Any, work: Any, x: Floats, u: Floats) -> boo
         if stuck[j] and abs(s[j]) > 1.0:
             stuck[j] = still = False
             s[j] = 1.0 if s[j] > 0.0 else -1.0
-    for i in range(x.size):
-        if rate[i] != 0.0:
-            still = False
-    return still
+    return still and not np.any(rate)
 
 
 @inner
@@ -177,10 +171,9 @@ def find_rubbing(plant: Any, grip: Any, work: Any, x: Floats, u: Floats) -> bool
 
     Nothing sticks yet.
     """
-    found, (theta, speed, slope, _), (s, stuck, active), rate = False, plant, grip, work[4]
-    for j in range(speed.size):
-        stuck[j] = False
-        s[j] = 0.0
+    (theta, speed, slope, _), (s, stuck, active), rate = plant, grip, work[4]
+    stuck[:] = False
+    s[:] = 0.0
     for j in range(speed.size):
         s[j] = 1.0
         slope(x, u, theta, s, stuck, speed, rate)
@@ -189,8 +182,7 @@ def find_rubbing(plant: Any, grip: Any, work: Any, x: Floats, u: Floats) -> bool
         slope(x, u, theta, s, stuck, speed, rate)
         s[j] = 0.0
         active[j] = abs(up - rate[speed[j]]) > 1e-12
-        found = found or active[j]
-    return found
+    return bool(np.any(active))
 
 
 @inner
@@ -274,8 +266,7 @@ def simulate(
                             input_at(time, drive, u)
                         if hold_or_start(plant, grip, work, x, u) and steady:
                             break
-                        for j in range(speed.size):
-                            sticks = sticks or stuck[j]
+                        sticks = bool(np.any(stuck))
                     count = max(math.ceil((end - time) / span - 1e-9), 1)
                     h = (end - time) / count
                     if steady and not sticks:

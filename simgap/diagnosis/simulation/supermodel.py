@@ -2,31 +2,33 @@
 
 from __future__ import annotations
 
+import math
+import operator
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any, TypeVar
 
 import numpy as np
 from numba import float64 as f64
 from numba import types, void
 
-from simgap.arrays import Floats, Ints
+from simgap.arrays import Floats
 from simgap.diagnosis.record.faults.measurement import ReadingFault, is_fault, possible
-from simgap.diagnosis.simulation.dynamics import Costly, Dynamics, compile_dynamics, is_costly
-from simgap.diagnosis.simulation.past import Train, beside_motors, trains_of
-from simgap.effects import EFFECTS, Effect, EffectParameter, StaticInputEffect
-from simgap.effects.base import CoordinateEffect, MemoryForceEffect
+from simgap.diagnosis.simulation.dynamics import Dynamics, compile_dynamics
+from simgap.effects import EFFECTS, Effect, EffectParameter, StaticInputEffect, effect
+from simgap.effects.base import CoordinateEffect, MemoryForceEffect, driven_by
 from simgap.effects.commands import InputEffect, MemoryInputEffect
-from simgap.effects.drive_train import DriveTrainEffect, with_motor
+from simgap.effects.drive_train import DriveTrainEffect, Law, with_motor
 from simgap.errors import UserError
 from simgap.late import sympy as sp
 from simgap.model.compile import Kernel, cached_kernel_as, compile_kernel
-from simgap.model.symbolic import SymbolicModel, symbol
+from simgap.model.symbolic import SymbolicModel, kinds, symbol
 
 T = TypeVar("T")
 _ROWS = types.Array(types.float64, 2, "C")
 _ROWWISE = void(_ROWS, f64[::1], _ROWS)
+_TRANSCENDENTAL = "sin cos tan tanh atan exp log"
 
 
 @dataclass(frozen=True)
@@ -68,6 +70,47 @@ class Candidate:
         return is_fault(self.effect.name)
 
 
+_RIGID = 10.0  # rad between two readings: a spring that is quicker is simulated no more, as each turn costs steps
+
+
+@dataclass(frozen=True)
+class Train:
+    """A motor behind a coordinate.
+
+    Attributes:
+        on: the coordinate; law: the torque between them, over theta.
+        position, velocity: places of the link's states; inputs: columns of what drives the motor.
+        slots: places in theta of its numbers; numbers: theta -> those of its law.
+    """
+
+    on: str
+    law: Law
+    position: int
+    velocity: int
+    inputs: tuple[int, ...]
+    slots: tuple[int, ...]
+    numbers: Callable[[Floats], Sequence[float]]
+
+    def swings(self, theta: Floats) -> bool:
+        """Whether what is not read does not forget how it began: a motor on a spring; a link that nothing reads."""
+        return self.numbers(theta)[1] > 0.0 or self.read_at_motor(theta)
+
+    def read_at_motor(self, theta: Floats) -> bool:
+        """Whether the joint's sensors read the motor, and the link is what has to be inferred."""
+        return self.numbers(theta)[7] > 0.0
+
+    def quick(self, theta: Floats) -> float:
+        """How fast the motor swings against a link that stands still, 1/s; 0 where there is no motor."""
+        inertia, spring, _, _, stops, *_ = self.numbers(theta)
+        stiffness = spring + stops
+        return math.sqrt(stiffness / inertia) if inertia > 0.0 and stiffness > 0.0 else 0.0
+
+    def rigid(self, theta: Floats, interval: float) -> bool:
+        """Whether the spring is so stiff that readings this far apart (s) tell nothing of it."""
+        inertia, spring, *_ = self.numbers(theta)
+        return spring * interval**2 > _RIGID**2 * inertia
+
+
 @dataclass(frozen=True, eq=False)
 class SuperModel:
     """The plant with all candidates at their null.
@@ -99,11 +142,6 @@ class SuperModel:
     memory: Callable[[Floats], Sequence[float]]
 
     @property
-    def speed(self) -> Ints:
-        """Index of the velocity of each coordinate: dry friction acts on these."""
-        return self.dynamics.speed
-
-    @property
     def nx(self) -> int:
         """Number of states, those of the effects left out."""
         return len(self.model.states)
@@ -112,11 +150,6 @@ class SuperModel:
     def begun(self) -> int:
         """Numbers that begin a window: the plant's states, and how far a motor is from where the past tells it."""
         return self.nx + 2 * len(self.trains)
-
-    @cached_property
-    def size(self) -> int:
-        """Number of states, those of the effects among them."""
-        return self.begun + len(self.remembered)
 
     @cached_property
     def remembered(self) -> tuple[Candidate, ...]:
@@ -129,15 +162,11 @@ class SuperModel:
 
     def rubs(self, theta: Floats) -> bool:
         """Whether any coordinate has dry friction at theta (q,): the sign of a speed matters at rest."""
-        x, signs = np.zeros(self.size), np.zeros(len(self.speed))
+        x, speed = np.zeros(self.begun + len(self.remembered)), self.dynamics.speed
         # A weight or a length that is a condition divides the forces: nobody knows of it but that it is not 0.
         u = np.array([float(name in self.model.conditions) for name in self.model.input_names])
-        for j, v in enumerate(self.speed):
-            signs[j] = 1.0
-            up = self.dynamics.derivative(x, u, theta, signs)[v]
-            signs[j] = -1.0
-            down = self.dynamics.derivative(x, u, theta, signs)[v]
-            signs[j] = 0.0
+        for v, sign in zip(speed, np.eye(len(speed)), strict=True):
+            up, down = (self.dynamics.derivative(x, u, theta, way * sign)[v] for way in (1.0, -1.0))
             if abs(up - down) > 1e-12:
                 return True
         return False
@@ -156,11 +185,6 @@ class SuperModel:
         """Places in theta of everything that acts between command and plant."""
         return tuple(k for c in self.candidates if isinstance(c.effect, InputEffect) for k in c.slots)
 
-    @cached_property
-    def past_slots(self) -> tuple[int, ...]:
-        """Places in theta of everything that an effect with a state of its own remembers the motion by."""
-        return tuple(k for c in self.remembered for k in c.slots)
-
     def find(self, name: str, on: str) -> Candidate:
         """The candidate of that name and target."""
         return next(c for c in self.candidates if c.key == (name, on))
@@ -178,29 +202,27 @@ def build_supermodel(
     Raises:
         UserError: for an unknown effect, or a measured channel that is not a state.
     """
-    for name in effects:
-        if name not in EFFECTS:
-            raise UserError(f"there is no effect '{name}'", remedy=f"Known: {', '.join(EFFECTS)}.")
+    named = {effect(name).name for name in effects}
     for name in measured:
         if name not in model.state_names:
             raise UserError(f"'{name}' is measured but not a state", remedy=f"States: {list(model.state_names)}.")
     chosen = [
         e for e in EFFECTS.values()
-        if e.name in effects or (not effects and (last or not e.last) and (second or not e.second))
+        if e.name in named or (not named and (last or not e.last) and (second or not e.second))
     ]  # fmt: skip
-    places = [(e, on) for e in chosen for on in (e.targets(model) if e.name in effects else e.sought_on(model))]
-    asked = [(e, on) for e, on in beside_motors(model, places) if e.kind != "state" or on in measured]
+    places = [(e, on) for e in chosen for on in (e.targets(model) if e.name in named else e.sought_on(model))]
+    asked = [(e, on) for e, on in _beside_motors(model, places) if e.kind != "state" or on in measured]
     candidates: list[Candidate] = []
     specs: list[EffectParameter] = []
     for e, on in [*asked, *possible(model, measured)]:
         candidates.append(Candidate(e, on, tuple(range(len(specs), len(specs) + len(e.parameters)))))
         specs += list(e.parameters)
     theta = tuple(symbol(f"theta_{k}") for k in range(len(specs)))
-    trains = trains_of(model, [(c.effect, c.on, c.slots) for c in candidates], theta)
+    trains = _trains(model, candidates, theta)
     driven = model
     for train in trains:
         driven = with_motor(driven, train.on, train.law)
-    plant, costly = _insert(driven, candidates, theta)
+    plant, costly, gate = _insert(driven, candidates, theta)
     readings = [sp.sympify(plant.outputs.get(n, symbol(n))).subs(model.values()) for n in measured]
     return SuperModel(
         model=model,
@@ -209,7 +231,7 @@ def build_supermodel(
         lower=np.array([p.lower for p in specs]),
         upper=np.array([p.upper for p in specs]),
         measured=measured,
-        dynamics=compile_dynamics(plant, costly, theta),
+        dynamics=compile_dynamics(plant, costly, gate, theta),
         static=_rowwise(compile_kernel(*_commands(model, candidates, theta))) if model.inputs else _no_columns,
         read=_rowwise(compile_kernel(readings, ([v.symbol for v in plant.states], theta))),
         past=_past(candidates, theta),
@@ -218,29 +240,47 @@ def build_supermodel(
     )
 
 
+def _beside_motors(model: SymbolicModel, places: list[tuple[Effect, str]]) -> list[tuple[Effect, str]]:
+    """Without what has no place where a motor stands behind its joint: a law of the speed of what an input drives."""
+    loose = model
+    for on in dict.fromkeys(on for e, on in places if isinstance(e, DriveTrainEffect)):
+        loose = with_motor(loose, on, Law(sp.Integer(1)))
+    return [(e, on) for e, on in places if isinstance(e, DriveTrainEffect) or on in e.targets(loose)]
+
+
+def _trains(model: SymbolicModel, candidates: list[Candidate], theta: tuple[sp.Symbol, ...]) -> tuple[Train, ...]:
+    """One for each coordinate behind which an effect puts a motor."""
+    motors, found = [(c, c.effect) for c in candidates if isinstance(c.effect, DriveTrainEffect)], []
+    for on in dict.fromkeys(c.on for c, _ in motors):
+        own = [(c, e) for c, e in motors if c.on == on]
+        law = reduce(operator.add, (e.law(c.values(theta)) for c, e in own))
+        link, place = model.coordinate(on), model.state_names.index
+        inputs = tuple(model.input_names.index(u) for u in driven_by(model, on))
+        slots = tuple(k for c, _ in own for k in c.slots)
+        numbers = sp.lambdify([theta], law.numbers, modules="math")
+        found.append(Train(on, law, place(link.position), place(link.velocity), inputs, slots, numbers))
+    return tuple(found)
+
+
 def _insert(
     model: SymbolicModel, candidates: list[Candidate], theta: tuple[sp.Symbol, ...]
-) -> tuple[SymbolicModel, Costly]:
-    """The plant as a function of what it feels, costly terms apart."""
+) -> tuple[SymbolicModel, list[sp.Expr], sp.Expr]:
+    """The plant as a function of what it feels; apart costly terms of xdot, which act where a gate is not 0."""
     plant = model
-    forces: list[tuple[Candidate, sp.Expr, sp.Expr]] = []
     for c in candidates:
-        values = c.values(theta)
+        if not isinstance(c.effect, CoordinateEffect | InputEffect | DriveTrainEffect):
+            plant = c.effect.insert(plant, c.on, c.values(theta))
+    costly, gate = [sp.Integer(0) for _ in plant.states], sp.Integer(0)
+    for c in candidates:  # forces after the plant's own parameters, on which the columns depend
         if isinstance(c.effect, CoordinateEffect):
             joint = plant.coordinate(c.on)
-            away = sum(sp.Abs(theta[k] - p.null) for p, k in zip(c.effect.parameters, c.slots, strict=True))
-            forces.append((c, c.effect.force(symbol(joint.position), symbol(joint.velocity), values), away))
-        elif not isinstance(c.effect, InputEffect | DriveTrainEffect):
-            plant = c.effect.insert(plant, c.on, values)
-    extra = [sp.Integer(0) for _ in plant.states]
-    gate = sp.Integer(0)
-    for c, force, away in forces:  # after the plant's own parameters, on which the columns depend
-        if is_costly(force):
-            extra = [e + column * force for e, column in zip(extra, plant.force_map[c.on], strict=True)]
-            gate += away
-        else:
-            plant = plant.with_force(c.on, force)
-    return plant, Costly(tuple(extra), gate)
+            force = c.effect.force(symbol(joint.position), symbol(joint.velocity), c.values(theta))
+            if force.has(*kinds(_TRANSCENDENTAL)):
+                costly = [e + column * force for e, column in zip(costly, plant.force_map[c.on], strict=True)]
+                gate += sum(sp.Abs(theta[k] - p.null) for p, k in zip(c.effect.parameters, c.slots, strict=True))
+            else:
+                plant = plant.with_force(c.on, force)
+    return plant, costly, gate
 
 
 def _commands(
