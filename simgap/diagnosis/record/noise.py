@@ -11,7 +11,7 @@ Source: Widrow, Kollar (2008), Quantization Noise, ch. 5, 9; Kish (1965), Survey
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -127,8 +127,8 @@ class Worth:
     shared: Floats
 
 
-def worth(record: Record) -> Worth:
-    """Noise and worth of every reading of a record."""
+def worth(record: Record, known: Mapping[str, float] | None = None) -> Worth:
+    """Noise and worth of every reading of a record; `known`: standard deviations that need no estimate, by channel."""
     sigma, steps = noise_floor(record), resolution(record)
     shared = np.zeros(len(steps))
     for k in np.flatnonzero(steps > 0.0):
@@ -137,6 +137,8 @@ def worth(record: Record) -> Worth:
         sigma[k] = max(sigma[k], np.hypot(white, step / np.sqrt(12.0)))  # few slow readings tell little of the noise
         shared[k] = _placed(white / step) * (step / sigma[k]) ** 2
     weight = [weights(trace.y, steps, shared) for trace in record.traces]
+    given = known or {}
+    sigma = np.array([given.get(name, s) for name, s in zip(record.measured, sigma.tolist(), strict=True)])
     return Worth(sigma, np.concatenate(weight), steps, shared)
 
 
@@ -149,7 +151,7 @@ def weights(y: Floats, steps: Floats, shared: Floats) -> Floats:
     return out
 
 
-def white_noise(record: Record, k: int, step: float, every: float | None = None) -> float:
+def white_noise(record: Record, k: int, step: float, every: float) -> float:
     """Standard deviation of the white noise of channel k before it was rounded to a step.
 
     Where a motion is slow, steady readings change by whole counts in one direction, and only noise sends them back: two
@@ -157,7 +159,6 @@ def white_noise(record: Record, k: int, step: float, every: float | None = None)
     (`every`) tell it too, but show rounding at half a count a reading as noise three times as large; they stand where
     the noise is larger than rounding by far, or nothing is slow.
     """
-    every = float(noise_floor(record)[k]) if every is None else every
     of_all = max(every**2 / step**2 - 1.0 / 12.0, 0.0)
     products = np.concatenate([_returns(np.round((tr.y[:, k] - tr.y[0, k]) / step)) for tr in record.traces])
     if of_all > _LOUD**2 or products.size < _FEWEST:

@@ -11,7 +11,7 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.diagnosis.record.faults.columns import VelocityLag, velocity_lag
 from simgap.diagnosis.record.faults.registry import READINGS, mended
-from simgap.diagnosis.record.noise import resolution, worth
+from simgap.diagnosis.record.noise import Worth, worth
 from simgap.diagnosis.record.record import Record, runs
 from simgap.diagnosis.thresholds import A_FEW, BRIEF_S, FAR, MATTERS, MOST, SELDOM, SEVERAL
 from simgap.late import sympy as sp
@@ -137,19 +137,16 @@ def survey(record: Record, model: SymbolicModel, noise: Mapping[str, float] | No
         noise: standard deviations that are known, by channel; the others are estimated.
     """
     clean, _ = mended(record, model, READINGS)  # spikes are no noise, within which all would be at rest
-    quantum, sigma = resolution(clean), worth(clean).sigma
-    for name, value in (noise or {}).items():
-        if name in record.measured:
-            sigma[record.measured.index(name)] = value
+    readings = worth(clean, noise)
     lags = tuple(
         lag
         for c in model.coordinates
         if c.position in record.measured and c.velocity in record.measured
         if (lag := velocity_lag(clean, c.position, c.velocity)) is not None
     )
-    still = still_stretches(clean, sigma)
+    still = still_stretches(clean, readings.sigma)
     frozen = frozen_stretches(record, still)
-    channels = tuple(_looks(record, model, sigma, quantum))
+    channels = tuple(_looks(record, model, readings))
     traces = tuple(_timing(record))
     warnings = (
         *_excitation(record, model),
@@ -167,12 +164,13 @@ def _timing(record: Record) -> Iterator[TraceLook]:
         yield TraceLook(trace.name, len(trace.t), trace.duration, 1.0 / usual, float(np.std(whole)), float(np.max(dt)))
 
 
-def _looks(record: Record, model: SymbolicModel, sigma: Floats, quantum: Floats) -> Iterator[ChannelLook]:
+def _looks(record: Record, model: SymbolicModel, readings: Worth) -> Iterator[ChannelLook]:
     """Every state that was measured, then every input."""
     read, put = (np.concatenate([getattr(trace, n) for trace in record.traces]) for n in ("y", "u"))
     for k, (name, x) in enumerate(zip((*record.measured, *record.inputs), (*read.T, *put.T), strict=True)):
         range_ = float(x.min()), float(x.max()), float(np.sqrt(np.mean(x**2)))
-        own = (float(sigma[k]), float(quantum[k])) if k < len(sigma) else (None, 0.0, at_limit(x))
+        is_input = k >= len(record.measured)
+        own = (None, 0.0, at_limit(x)) if is_input else (float(readings.sigma[k]), float(readings.steps[k]))
         yield ChannelLook(name, model.units[name], *range_, *own)
 
 

@@ -138,7 +138,7 @@ def _file_traces(
         rows=table.rows,
         rows_used=sum(len(trace.t) for trace in traces),
         epoch_s=epoch,
-        **{n: sum(part.counts[n] for part in parts) for n in parts[0].counts},
+        **dict(zip(_COUNTED, map(sum, zip(*(part.counts for part in parts), strict=True)), strict=True)),
         unwrapped=tuple(c.name for j, c in enumerate(used) if any(j in part.unwrapped for part in parts)),
         traces=tuple(trace.name for trace in traces),
     )
@@ -331,23 +331,6 @@ def check_interval(t: Floats, window_s: float, unit: str | None, file: str) -> N
     raise UserError(problem, file=file, key="measured.time.unit", remedy=remedy)
 
 
-def merge_repeats(t: Floats, columns: Floats) -> tuple[Floats, Floats, int]:
-    """One row for each stamp, the mean of the rows that share it.
-
-    Args:
-        t: (n,) stamps, not decreasing.
-        columns: (n, m).
-
-    Returns:
-        stamps (k,), columns (k, m), rows merged away.
-    """
-    first = np.flatnonzero(np.concatenate([[True], np.diff(t) > 0.0]))
-    if first.size == t.size:
-        return t, columns, 0
-    counts = np.diff(np.append(first, t.size))
-    return t[first], np.add.reduceat(columns, first, axis=0) / counts[:, None], int(t.size - first.size)
-
-
 def kept(t: Floats, masks: Sequence[Mask]) -> Bools:
     """Which stamps the masks leave: (n,) s -> (n,), inside some `keep` (if there is one) and outside every `drop`."""
     keeps, drops = ([r for m in masks if (r := getattr(m, side)) is not None] for side in ("keep", "drop"))
@@ -355,14 +338,11 @@ def kept(t: Floats, masks: Sequence[Mask]) -> Bools:
     return np.broadcast_to((inside | (not keeps)) & ~outside, t.shape)
 
 
-def pieces(t: Floats, inside: Bools, limit: float) -> list[slice]:
-    """Runs of consecutive stamps (n,) s that are `inside` (n,) and never further apart than `limit` seconds."""
+def pieces(t: Floats, inside: Bools, limit: float) -> list[Ints]:
+    """Rows of consecutive stamps (n,) s that are `inside` (n,) and never further apart than `limit` seconds."""
     index = np.flatnonzero(inside)
-    if not index.size:
-        return []
     breaks = np.flatnonzero((np.diff(index) > 1) | (np.diff(t[index]) > limit)) + 1
-    starts, stops = np.append(0, breaks), np.append(breaks, index.size)
-    return [slice(int(index[a]), int(index[b - 1]) + 1) for a, b in zip(starts, stops, strict=True)]
+    return [rows for rows in np.split(index, breaks) if rows.size]
 
 
 _COUNTED = ("repeated", "masked", "gaps", "short_pieces", "short_rows")
@@ -376,13 +356,13 @@ class Split:
     Attributes:
         pieces: stamps (n,) and channels (n, m) of each.
         samples: rows with stamps of their own.
-        counts: by name, as in `FileNotes`.
+        counts: as in `_COUNTED`.
         unwrapped: columns that jumped by full turns.
     """
 
     pieces: tuple[tuple[Floats, Floats], ...]
     samples: int
-    counts: Mapping[str, int]
+    counts: tuple[int, ...]
     unwrapped: tuple[int, ...] = ()
 
 
@@ -405,22 +385,20 @@ def split(
         window_s: shortest piece (s).
     """
     if not np.any(np.diff(t) > 0.0):
-        return Split((), min(t.size, 1), dict(zip(_COUNTED, (0, 0, 0, 1, int(t.size)), strict=True)))
+        return Split((), min(t.size, 1), (0, 0, 0, 1, t.size))
     block, unwrapped = _unwrapped(t, block, turns)  # before repeats are averaged: a mean across a wrap is neither side
-    t, block, repeated = merge_repeats(t, block)
+    rows = t.size
+    t, first, alike = np.unique(t, return_index=True, return_counts=True)
+    block = np.add.reduceat(block, first, axis=0) / alike[:, None]  # one row for each stamp, the mean of those it has
     inside = kept(t, masks)
     steps = np.diff(t)
     limit = 5.0 * float(np.quantile(steps, 0.95)) if gap_s is None else gap_s
-    out, short = [], []
-    for piece in pieces(t, inside, limit):
-        long = t[piece.stop - 1] - t[piece.start] >= window_s * (1 - 1e-9) and piece.stop - piece.start >= MIN_SAMPLES
-        if long:
-            out.append((t[piece], block[piece]))
-        else:
-            short.append(piece.stop - piece.start)
+    every = pieces(t, inside, limit)
+    long = [p for p in every if t[p[-1]] - t[p[0]] >= window_s * (1 - 1e-9) and len(p) >= MIN_SAMPLES]
     masked, gaps = (int(np.count_nonzero(x)) for x in (~inside, (steps > limit) & inside[1:] & inside[:-1]))
-    counts = dict(zip(_COUNTED, (repeated, masked, gaps, len(short), sum(short)), strict=True))
-    return Split(tuple(out), int(t.size), counts, unwrapped)
+    short_rows = t.size - masked - sum(map(len, long))
+    counts = (rows - t.size, masked, gaps, len(every) - len(long), short_rows)
+    return Split(tuple((t[p], block[p]) for p in long), t.size, counts, unwrapped)
 
 
 def _unwrapped(

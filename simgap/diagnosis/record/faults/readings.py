@@ -112,9 +112,8 @@ class SaturatedReading(_LostReadings):
         low, high = min(float(y.min()) for y in columns), max(float(y.max()) for y in columns)
         usual, repeats = _turning(columns), 0.0
         if quantum > 0.0:
-            flicker = min(
-                white_noise(record, k, quantum), *(_scatter(trace.t, trace.y[:, k]) for trace in record.traces)
-            )
+            white = white_noise(record, k, quantum, float(noise_floor(record)[k]))
+            flicker = min(white, *(_scatter(trace.t, trace.y[:, k]) for trace in record.traces))
             repeats = math.erf(0.5 * quantum / max(math.sqrt(2.0) * flicker, 1e-300))
         out = [np.zeros(len(y), dtype=bool) for y in columns]
         for end in (low, high) if low < high else ():
