@@ -27,7 +27,7 @@ from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import state_columns, state_steps
 from simgap.diagnosis.thresholds import BRIEF_S, FAR, SEVERAL
-from simgap.notation import from_to, joined
+from simgap.notation import few, from_to, joined
 
 _SPAN = 0.25 * BRIEF_S  # s over which a rate is taken
 
@@ -53,7 +53,7 @@ def push_faults(spans: Sequence[Span], known: Problem, names: Sequence[str]) -> 
     spans = [(k, max(a, float(first[k])), min(b, float(last[k]))) for k, a, b in spans]
     places, lasts = [f"{from_to(a, b)} of {names[k]}" for k, a, b in spans], sum(b - a for _, a, b in spans)
     kept = float(np.sum(known.t[known.windows.stop - 1] - known.t[known.windows.start]))
-    where = joined(places if len(places) <= 3 else [*places[:3], f"{len(places) - 3} more"])
+    where = joined(few(places))
     sentence = (
         f"{where[0].upper()}{where[1:]} (a push?): {100 * lasts / (lasts + kept):.2g} % of the fitted time has no "
         "weight: it stands out, and no effect that was tried explains it."

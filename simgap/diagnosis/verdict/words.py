@@ -8,7 +8,7 @@ from typing import Any
 from simgap.diagnosis.record.faults.measurement import FITTED, effect_or_fault
 from simgap.effects import EFFECTS
 from simgap.effects.base import Quoted
-from simgap.notation import from_to, joined, pretty_unit
+from simgap.notation import few, from_to, joined, percent, pretty_unit
 
 Document = Mapping[str, Any]
 
@@ -63,8 +63,8 @@ def explained(document: Document) -> str:
     """How much: off the noise floor, of the error ahead on data that it was not fitted to, else of what is above it."""
     told, ahead = document.get("explained_error"), _ahead(document["error"]["after"])
     if told is None:
-        return f"{100 * min(max(float(document['explained_share']), 0.0), 1.0):.0f} % of the excess error{ahead}"
-    low, high = (f"{100 * min(max(end, 0.0), 1.0):.0f}" for end in told["ci95"])
+        return f"{percent(float(document['explained_share']))} % of the excess error{ahead}"
+    low, high = map(percent, told["ci95"])
     share = f"{100 * told['share']:.0f} % (95 % interval {low} to {high})"
     return f"{share} of the error{ahead}"
 
@@ -86,10 +86,9 @@ def _where(c: Mapping[str, Any] | None) -> str:
     if c is None:
         return ""
     spans = [f"{from_to(s['from'], s['to'])} of {s['trace']}" for s in c["stretches"]]
-    where = joined(spans if len(spans) <= 3 else [*spans[:3], f"{len(spans) - 3} more"])
-    share = min(max(c["explained_share_without"], 0.0), 1.0)
-    without = f"; without them the effects explain {100 * share:.0f} %" if share > 0.0 else ""
-    return f"{100 * c['error_share']:.0f} % of what is left lies at {where} (a push?){without}."
+    share = c["explained_share_without"]
+    without = f"; without them the effects explain {percent(share)} %" if share > 0.0 else ""
+    return f"{100 * c['error_share']:.0f} % of what is left lies at {joined(few(spans))} (a push?){without}."
 
 
 def _doubt(effect: Mapping[str, Any]) -> str:
