@@ -15,6 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from simgap.arrays import Floats, Ints
 from simgap.diagnosis.record.record import Record
@@ -25,17 +26,18 @@ ORDER = 6
 _BLOCK = 50_000  # rows at a time: memory stays small for long records
 
 
-def difference_weights(t: Floats) -> Floats:
-    """Weights of the sixth divided differences over true times, scaled to unit length: (n,) -> (n - 6, 7).
+def sixth_differences(t: Floats, y: Floats) -> Floats:
+    """Sixth divided differences over true times, their weights scaled to unit length: (n,), (n, k) -> (n - 6, k).
 
-    A row is orthogonal to every polynomial below that order at its stamps. For even spacing it is the binomial
-    difference over sqrt(924).
+    The weights are orthogonal to every polynomial below that order at their stamps. For even spacing they are the
+    binomial difference over sqrt(924).
     """
-    stamps = np.lib.stride_tricks.sliding_window_view(t, ORDER + 1)
+    stamps = sliding_window_view(t, ORDER + 1)
     scale = (stamps[:, -1] - stamps[:, 0])[:, None] / ORDER
     gaps = (stamps[:, :, None] - stamps[:, None, :]) / scale[:, :, None] + np.eye(ORDER + 1)
     weights = 1.0 / np.prod(gaps, axis=2)
-    return weights / np.linalg.norm(weights, axis=1, keepdims=True)
+    weights /= np.linalg.norm(weights, axis=1, keepdims=True)
+    return np.asarray(np.einsum("rkj,rj->rk", sliding_window_view(y, ORDER + 1, axis=0), weights))
 
 
 def noise_floor(record: Record) -> Floats:
@@ -49,10 +51,8 @@ def noise_floor(record: Record) -> Floats:
     for trace in record.traces:
         for a in range(0, len(trace.t) - ORDER, _BLOCK):  # none of a trace that is too short
             part = slice(a, min(a + _BLOCK + ORDER, len(trace.t)))
-            weights = difference_weights(trace.t[part])
-            views = np.lib.stride_tricks.sliding_window_view(trace.y[part], ORDER + 1, axis=0)  # (rows, k, 7)
-            used = np.lib.stride_tricks.sliding_window_view(trace.compared[part], ORDER + 1, axis=0).all(axis=2)
-            total += (used * np.square(np.einsum("rkj,rj->rk", views, weights))).sum(axis=0)
+            used = sliding_window_view(trace.compared[part], ORDER + 1, axis=0).all(axis=2)
+            total += (used * np.square(sixth_differences(trace.t[part], trace.y[part]))).sum(axis=0)
             count += used.sum(axis=0)
     spread = np.sqrt(np.mean([np.var(trace.y, axis=0) for trace in record.traces], axis=0))
     floor = 1e-7 * np.maximum(spread, 1e-12)  # data without noise: below the accuracy of the simulation
@@ -175,7 +175,7 @@ def _returns(place: Floats) -> Floats:
     """
     if len(place) < _SPAN:
         return np.zeros(0)
-    slow = np.ptp(np.lib.stride_tricks.sliding_window_view(place, _SPAN), axis=1) <= _NEAR
+    slow = np.ptp(sliding_window_view(place, _SPAN), axis=1) <= _NEAR
     change = np.diff(place)[_SPAN // 2 - 1 :][: len(slow) + 1]
     at = np.arange(len(slow))
     since = at - np.maximum.accumulate(np.where(slow, -1, at))  # slow readings up to here, one after the other
