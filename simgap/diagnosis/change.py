@@ -46,15 +46,19 @@ def sides_apart(
     before, after = _cut(record, change, settings.window_s)
     if before is None or after is None or not _move_alike(before, after):
         return None
+
+    def whole(side: Record) -> Diagnosis | None:
+        """The answer for a side that is down to its noise, each effect asked for."""
+        d = answer(side, _for(side, settings))
+        return d if d is not None and d.verdict in ("none", "attributed") else None
+
     long, short = (before, after) if before.rows >= after.rows else (after, before)
     try:
-        main = answer(long, _for(long, settings))
-        if main is None or not _whole(main):
-            return None
-        other = answer(short, _for(short, settings))
+        main = whole(long)
+        other = None if main is None else whole(short)
     except UserError:  # a side is too short for three folds
         return None
-    if other is None or not _whole(other):
+    if main is None or other is None:
         return None
     sides = (main, other) if long is before else (other, main)
     fault = _fault(change, record, sides, "before" if long is before else "after")
@@ -74,11 +78,6 @@ def _move_alike(before: Record, after: Record) -> bool:
 
     first, second = spread(before), spread(after)
     return bool(np.all(MOST * np.maximum(first, second) <= np.minimum(first, second)))
-
-
-def _whole(d: Diagnosis) -> bool:
-    """Whether a side is down to its noise, each effect asked for."""
-    return d.verdict in ("none", "attributed")
 
 
 def _for(part: Record, settings: DiagnosisSettings) -> DiagnosisSettings:

@@ -111,7 +111,8 @@ def _file_traces(
         raise UserError("has one row", file=table.file, remedy="Give a recording that lasts at least one window.")
     values_of, turns_of = convert(table, used)
     t, epoch = seconds(table, section.time.unit)
-    traces, labels, parts = list[Trace](), list[str | None](), list[Split]()
+    traces, labels, moves = list[Trace](), list[str | None](), False
+    counts, turned = np.zeros(len(_COUNTED), dtype=np.int64), set[int]()
     groups = [(label, rows, concerning(section.masks, table.file, label)) for label, rows in by_label(table)]
     empty = np.isnan([values_of[c.name] for c in used])
     said = list(_empty_cells(table.file, used, empty, [rows[kept(t[rows], masks)] for _, rows, masks in groups]))
@@ -121,14 +122,15 @@ def _file_traces(
         check_interval(t[rows], section.window_s, section.time.unit or table.time_unit, table.file)
         block = np.stack([values_of[c.name][rows] for c in used], axis=1)
         turns = {j: turns_of[c.name] for j, c in enumerate(used) if c.name in turns_of}
-        part = split(t[rows], block, turns, masks, section.time.gap_s, section.window_s)
+        found, treated, jumped = split(t[rows], block, turns, masks, section.time.gap_s, section.window_s)
         base = name if label is None else f"{name}:{label}"
-        for i, (stamps, values) in enumerate(part.pieces):
-            piece = base if i == 0 else f"{base}#{i + 1}"
-            traces.append(Trace(piece, stamps, values[:, :k], values[:, k:]))
-        labels += [label] * len(part.pieces)
-        parts.append(part)
-    if all(part.samples < 2 for part in parts):
+        for i, (stamps, values) in enumerate(found):
+            traces.append(Trace(base if i == 0 else f"{base}#{i + 1}", stamps, values[:, :k], values[:, k:]))
+            labels.append(label)
+        counts += treated
+        turned |= jumped
+        moves |= bool(np.any(np.diff(t[rows])))
+    if not moves:
         raise UserError(
             "all rows have one time stamp", file=table.file, remedy="Check measured.time.column and its unit."
         )
@@ -138,8 +140,8 @@ def _file_traces(
         rows=table.rows,
         rows_used=sum(len(trace.t) for trace in traces),
         epoch_s=epoch,
-        **dict(zip(_COUNTED, map(sum, zip(*(part.counts for part in parts), strict=True)), strict=True)),
-        unwrapped=tuple(c.name for j, c in enumerate(used) if any(j in part.unwrapped for part in parts)),
+        **dict(zip(_COUNTED, counts.tolist(), strict=True)),
+        unwrapped=tuple(c.name for j, c in enumerate(used) if j in turned),
         traces=tuple(trace.name for trace in traces),
     )
     return traces, note, labels, said
@@ -349,23 +351,6 @@ _COUNTED = ("repeated", "masked", "gaps", "short_pieces", "short_rows")
 """What of a trace is treated otherwise than used as it is: rows or pieces, as `FileNotes` names them."""
 
 
-@dataclass(frozen=True, eq=False)
-class Split:
-    """Pieces of one trace, and how many rows or pieces were treated how.
-
-    Attributes:
-        pieces: stamps (n,) and channels (n, m) of each.
-        samples: rows with stamps of their own.
-        counts: as in `_COUNTED`.
-        unwrapped: columns that jumped by full turns.
-    """
-
-    pieces: tuple[tuple[Floats, Floats], ...]
-    samples: int
-    counts: tuple[int, ...]
-    unwrapped: tuple[int, ...] = ()
-
-
 def split(
     t: Floats,
     block: Floats,
@@ -373,8 +358,10 @@ def split(
     masks: Sequence[Mask],
     gap_s: float | None,
     window_s: float,
-) -> Split:
-    """The pieces of a trace that are at least a window long.
+) -> tuple[list[tuple[Floats, Floats]], tuple[int, ...], set[int]]:
+    """The pieces of a trace that are at least a window long, stamps (n,) and channels (n, m) of each.
+
+    Also how many rows or pieces were treated as in `_COUNTED`, and which columns jumped by full turns.
 
     Args:
         t: (n,) stamps in s, not decreasing.
@@ -385,7 +372,7 @@ def split(
         window_s: shortest piece (s).
     """
     if not np.any(np.diff(t) > 0.0):
-        return Split((), min(t.size, 1), (0, 0, 0, 1, t.size))
+        return [], (0, 0, 0, 1, t.size), set()
     block, unwrapped = _unwrapped(t, block, turns)  # before repeats are averaged: a mean across a wrap is neither side
     rows = t.size
     t, first, alike = np.unique(t, return_index=True, return_counts=True)
@@ -398,16 +385,14 @@ def split(
     masked, gaps = (int(np.count_nonzero(x)) for x in (~inside, (steps > limit) & inside[1:] & inside[:-1]))
     short_rows = t.size - masked - sum(map(len, long))
     counts = (rows - t.size, masked, gaps, len(every) - len(long), short_rows)
-    return Split(tuple((t[p], block[p]) for p in long), t.size, counts, unwrapped)
+    return [(t[p], block[p]) for p in long], counts, unwrapped
 
 
-def _unwrapped(
-    t: Floats, block: Floats, turns: Mapping[int, tuple[float, bool | None]]
-) -> tuple[Floats, tuple[int, ...]]:
+def _unwrapped(t: Floats, block: Floats, turns: Mapping[int, tuple[float, bool | None]]) -> tuple[Floats, set[int]]:
     steps = np.diff(t)
     typical = float(np.median(steps[steps > 0.0]))
-    straight, changed = block.copy(), []
+    straight, changed = block.copy(), set()
     for j, (turn, wrapped) in turns.items():
         straight[:, j], jumped = unwrap(block[:, j], steps, typical, turn, wrapped)
-        changed += [j] * jumped
-    return straight, tuple(changed)
+        changed |= {j} if jumped else set()
+    return straight, changed
