@@ -31,29 +31,9 @@ from simgap.diagnosis.simulation.noise_law import LIMIT
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import FIT_QUALITY, LEAPS_ANYHOW, MATTERS, PLAUSIBLE_RATIO
-from simgap.diagnosis.verdict.answer import (
-    alternatives,
-    applied,
-    candidate_scores,
-    collinear_table,
-    contested,
-    found_effects,
-    in_order,
-    predictions,
-    second_look,
-    steps,
-    with_restatements,
-)
+from simgap.diagnosis.verdict import answer
 from simgap.diagnosis.verdict.faults import extrapolated, faint_memory, noise_faults, push_faults
-from simgap.diagnosis.verdict.held_out import (
-    HeldOut,
-    by_channel,
-    concentrated,
-    excess_share,
-    judge,
-    judged,
-    noise_floor,
-)
+from simgap.diagnosis.verdict.held_out import HeldOut, concentrated, excess_share, judge, judged, noise_floor
 from simgap.diagnosis.verdict.score import Errors, Gain, gained
 from simgap.diagnosis.verdict.sets import as_good, folds_agree, plausible, slight
 from simgap.notation import percent
@@ -71,27 +51,28 @@ def conclude(
     grade = _graded(record, parts, chosen, evidence)
     word, named = grade.word, grade.named
     empty = search.empty(chosen.sparse)
-    path = steps(search, empty, chosen.kept)
-    ordered = in_order(chosen.kept, path)
+    path = answer.steps(search, empty, chosen.kept)
+    ordered = answer.in_order(chosen.kept, path)
     kept, held = (ordered, evidence.corrected) if named else (chosen.full.empty(base), old)
     short = nearest(chosen, ordered, evidence) if word == "unexplained" else None
     tested = word in ("partial", "unexplained") and short is None and not watch.stopped
-    left = second_look(search, chosen.found if named else empty, confirm, held, horizon) if tested else None
-    fitted = predictions(known, names, (base, base.x0), (kept.fit, kept.fit.x0), False)
-    confirming = predictions(confirm, names, (base, old.states), (kept.fit, held.states), True)
+    left = answer.second_look(search, chosen.found if named else empty, confirm, held, horizon) if tested else None
+    fitted = answer.predictions(known, names, (base, base.x0), (kept.fit, kept.fit.x0), False)
+    confirming = answer.predictions(confirm, names, (base, old.states), (kept.fit, held.states), True)
     effects, listed, seen, negligible = _findings(chosen, kept, grade.others)
+    floor = noise_floor(confirm, held, horizon)
     return Diagnosis(
         verdict=word,
         effects=effects,
         alternatives=listed,
         before=_before(known, base, old, horizon),
         after=judged(known, kept.fit, held, horizon),
-        floor=noise_floor(confirm, held, horizon),
+        floor=floor,
         excess_share=evidence.share if named else 1.0,
         explained_error=evidence.gain.share if named and not chosen.at_floor else None,
-        sigma=by_channel(confirm, confirm.sigma),
-        candidates=candidate_scores(search, empty, chosen.barred),
-        collinear=collinear_table(search, empty),
+        sigma=floor.fit_rmse,
+        candidates=answer.candidate_scores(search, empty, chosen.barred),
+        collinear=answer.collinear_table(search, empty),
         folds=FoldStretches(*(stretches(p.windows, confirm.t, names) for p in (parts.fit, parts.choose, confirm))),
         warnings=(*said, *negligible, *_warnings(held, kept, horizon), *grade.beside),
         doubts=grade.doubts,
@@ -99,7 +80,7 @@ def conclude(
         unconfirmed=grade.further,
         faint_memory=grade.faint,
         at_most=_limit_reached(settings, chosen),
-        applied=applied(kept),
+        applied=answer.applied(kept),
         windows=(*fitted, *confirming),
         nearest=short,
         left_over=left,
@@ -129,12 +110,14 @@ def _findings(
 
     The last are allowed for and are no findings.
     """
-    every = found_effects(chosen.full, kept, others, chosen.at_floor)
+    every = answer.found_effects(chosen.full, kept, others, chosen.at_floor)
     small = slight(chosen.full, kept, chosen.base)
     faults = (*fitted_faults(e for e in every if (e.name, e.on) not in small), *gain_faults(every))
     beside = fitted_faults(e for e in every if (e.name, e.on) in small)
     plant = [e for e in every if not is_fault(e.name)]
-    effects, listed = with_restatements(plant, alternatives(chosen.found, others), chosen.full.problem.model, kept)
+    effects, listed = answer.with_restatements(
+        plant, answer.alternatives(chosen.found, others), chosen.full.problem.model, kept
+    )
     said = tuple(f"{f.sentence} It is negligible in practice and allowed for." for f in beside)
     return effects, listed, faults, said
 
@@ -166,7 +149,7 @@ def _graded(record: Record, parts: Parts, chosen: Chosen, evidence: Evidence) ->
     word = "partial" if further and chosen.kept.members else word
     named = word in ("attributed", "partial") or (word == "none" and evidence.needed)
     others = _rivals(chosen) if named else []
-    unsure = (*contested(others, chosen.found), *doubted(chosen.full.problem, chosen.kept))
+    unsure = (*answer.contested(others, chosen.found), *doubted(chosen.full.problem, chosen.kept))
     faint = faint_memory(parts.known, chosen.kept.fit) if word == "attributed" else ()
     word = "partial" if (unsure or faint) and word == "attributed" else word
     if word != "partial" or not evidence.at_noise:
@@ -222,7 +205,7 @@ def nearest(chosen: Chosen, found: Explanation, evidence: Evidence) -> Nearest |
         (not found.fit.converged, "the fit had not converged"),
         (all(c.of_recording for c in found.members), "it is a fault of the recording, and more than noise is left"),
     )
-    effects = found_effects(chosen.full, found, (), chosen.at_floor)
+    effects = answer.found_effects(chosen.full, found, (), chosen.at_floor)
     return Nearest(effects, share, tuple(reason for holds, reason in reasons if holds))
 
 

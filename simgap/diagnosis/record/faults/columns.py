@@ -133,7 +133,7 @@ class WrongSign(Fault):
 
     def in_gain(self, found: FoundEffect) -> list[RecordingFault]:
         """The finding behind an input's gain."""
-        if found.name != "input_gain" or found.parameters["ratio"].ci95[1] >= 0.0:
+        if found.parameters["ratio"].ci95[1] >= 0.0:
             return []
         sentence = f"{found.on} is reversed: its column, its wiring or its motor has the wrong sign."
         remedy = (
@@ -170,10 +170,9 @@ class WrongUnit(Fault):
 
     def in_gain(self, found: FoundEffect) -> list[RecordingFault]:
         """The findings behind an input's gain."""
-        out = []
-        for words, factor in self.ratios.items() if found.name == "input_gain" else ():
-            ratio = found.parameters["ratio"]
-            lo, hi = sorted((abs(ratio.ci95[0]), abs(ratio.ci95[1])))
+        out, ratio = [], found.parameters["ratio"]
+        lo, hi = sorted(map(abs, ratio.ci95))
+        for words, factor in self.ratios.items():
             if lo <= factor * (1 + WITHIN) and hi >= factor * (1 - WITHIN) and hi < 1.2 * lo:
                 sentence = f"{found.on} acts {ratio.value:.4g} times as strongly as its column says: {words}?"
                 remedy = "If so, give its column's unit under measured.columns.{}."

@@ -109,4 +109,5 @@ def fitted_faults(found: Iterable[FoundEffect]) -> list[RecordingFault]:
 
 def gain_faults(found: Iterable[FoundEffect]) -> list[RecordingFault]:
     """Gains that a wrong sign or unit of the input's column would make as well: a record cannot tell."""
-    return [f for e in found for f in (*WrongSign().in_gain(e), *WrongUnit().in_gain(e))]
+    gains = [e for e in found if e.name == "input_gain"]
+    return [f for e in gains for f in (*WrongSign().in_gain(e), *WrongUnit().in_gain(e))]
