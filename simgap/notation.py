@@ -122,6 +122,11 @@ def few(parts: Sequence[str]) -> Sequence[str]:
     return parts if len(parts) <= 3 else [*parts[:3], f"{len(parts) - 3} more"]
 
 
+def capitalised(text: str) -> str:
+    """A phrase at the beginning of a sentence; names within it stay as they are."""
+    return f"{text[0].upper()}{text[1:]}"
+
+
 def joined(parts: Sequence[str], last: str = "and") -> str:
     """'a', 'a and b', 'a, b and c'; nothing for no part."""
     return f"{', '.join(parts[:-1])} {last} {parts[-1]}" if len(parts) > 1 else "".join(parts)

@@ -83,7 +83,7 @@ def split_windows(record: Record, seconds: float) -> Windows:
     for index, trace in enumerate(record.traces):
         n, duration = len(trace.t), trace.duration
         count = max(1, round(duration / seconds))
-        if n >= MIN_SAMPLES and duration >= 0.5 * seconds:
+        if duration >= 0.5 * seconds:
             edges = np.searchsorted(trace.t, trace.t[0] + duration * np.arange(1, count) / count)
             bounds = [0, *edges.tolist(), n]
             for a, b in itertools.pairwise(bounds):

@@ -130,11 +130,10 @@ def predictions(
     part, few = problem.some(most)
     old = part.predict(before[0].theta, before[1][few])
     new, states = part.predict(after[0].theta, after[1][few]), part.states(after[0].theta, after[1][few])
-    for w, (a, b) in enumerate(itertools.pairwise(part.rows.tolist())):
-        s = slice(int(part.windows.start[w]), int(part.windows.stop[w]))
-        name = names[int(part.windows.trace[w])]
+    for (start, stop, _, trace), (a, b) in zip(part.windows, itertools.pairwise(part.rows.tolist()), strict=True):
+        s = slice(start, stop)
         own = (problem.t[s], problem.y[s], old[a:b], new[a:b], states[a:b], problem.u[s])
-        yield WindowPrediction(name, held_out, *own, problem.used[s])
+        yield WindowPrediction(names[trace], held_out, *own, problem.used[s])
 
 
 def steps(search: Search, empty: Explanation, answer: Explanation) -> tuple[Step, ...]:

@@ -8,7 +8,7 @@ from typing import Any
 from simgap.diagnosis.record.faults.measurement import FITTED, effect_or_fault
 from simgap.effects import EFFECTS
 from simgap.effects.base import Quoted
-from simgap.notation import few, from_to, joined, percent, pretty_unit
+from simgap.notation import capitalised, few, from_to, joined, percent, pretty_unit
 
 Document = Mapping[str, Any]
 
@@ -53,9 +53,9 @@ def _answer(document: Document) -> list[str]:
         return _unexplained(document)
     found = joined([describe(e) for e in effects])
     verb = "explains" if len(effects) == 1 else "together explain"
-    named = f"Provisionally, {found}" if document.get("stopped") else _begun(found)
+    named = f"Provisionally, {found}" if document.get("stopped") else capitalised(found)
     text = f"{named} {verb} {explained(document)}."
-    doubts = [f"{_begun(_doubt(e))}." for e in effects if e.get("alternatives")]
+    doubts = [f"{capitalised(_doubt(e))}." for e in effects if e.get("alternatives")]
     return [text, *doubts, _remainder(document) if verdict == "partial" else ""]
 
 
@@ -74,11 +74,6 @@ def _ahead(error: Mapping[str, Any]) -> str:
     if error["horizon_rmse"]:
         return f" {error['horizon_s']:g} s ahead"
     return " within the windows" if error["horizon_s"] else ""
-
-
-def _begun(text: str) -> str:
-    """A phrase at the beginning of a sentence."""
-    return f"{text[0].upper()}{text[1:]}"
 
 
 def _where(c: Mapping[str, Any] | None) -> str:

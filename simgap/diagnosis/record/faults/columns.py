@@ -20,6 +20,8 @@ from simgap.diagnosis.result import FoundEffect, RecordingFault
 from simgap.diagnosis.thresholds import MOST, WITHIN
 from simgap.model.symbolic import SymbolicModel
 
+_REACH_S = 0.1  # by how much a velocity is shifted at most, s
+
 
 @dataclass(frozen=True)
 class VelocityLag:
@@ -39,8 +41,8 @@ class VelocityLag:
     mismatch: float
 
 
-def velocity_lag(record: Record, position: str, velocity: str, reach_s: float = 0.1) -> VelocityLag | None:
-    """Lag and scale between two channels, by least squares over shifts up to `reach_s`; None where nothing moves.
+def velocity_lag(record: Record, position: str, velocity: str) -> VelocityLag | None:
+    """Lag and scale between two channels, by least squares over shifts up to `_REACH_S`; None where nothing moves.
 
     Both sides are averaged over the same +-m samples, so that noise is tamed and no phase is added: the mean of v over
     [t - m dt, t + m dt] is compared with (q(t + m dt) - q(t - m dt)) / (2 m dt). Source: difference quotient and
@@ -48,7 +50,7 @@ def velocity_lag(record: Record, position: str, velocity: str, reach_s: float = 
     """
     j, k = record.measured.index(position), record.measured.index(velocity)
     dt = record.interval
-    m, reach = max(1, round(0.01 / dt)), max(2, round(reach_s / dt))
+    m, reach = max(1, round(0.01 / dt)), max(2, round(_REACH_S / dt))
     sums = np.zeros((2 * reach + 1, 3))  # for each shift: v.d, d.d, v.v
     for trace in record.traces:
         sums += _shifted_products(trace, j, k, dt, m, reach)
