@@ -241,8 +241,8 @@ def confirm_mask(names: Sequence[str], windows: Windows, traces: Sequence[str], 
     if traces:
         held = np.array([names[k] in traces for k in windows.trace], dtype=bool)
         if not held.any():
-            word = "names no trace that is as long as a window"
-            raise UserError(f"held_out {word}", remedy=f"Traces: {', '.join(names)}.")
+            problem = "held_out names no trace that is as long as a window"
+            raise UserError(problem, remedy=f"Traces: {', '.join(names)}.")
     elif len(present) >= SEVERAL_TRACES:
         held = np.isin(windows.trace, present[-min(_part(share, len(present)), len(present) - 2) :])
     elif len(windows) > 1:

@@ -88,7 +88,7 @@ def resolution(record: Record) -> Floats:
     for k in range(len(record.measured)):
         read = [trace.y[trace.compared[:, k] > 0.0, k] for trace in record.traces]  # what was bridged shows no counts
         steps = np.concatenate([np.abs(np.diff(y)) for y in read])
-        steps = steps[steps > 1e-12 * (float(np.max(np.abs(steps))) + 1e-300)] if steps.size else steps
+        steps = steps[steps > 1e-12 * (np.max(steps, initial=0.0) + 1e-300)]
         if steps.size > 20:
             single = steps[steps < 1.5 * np.min(steps)]
             count, cut = float(np.mean(single)), float(np.ptp(single) / np.mean(single))

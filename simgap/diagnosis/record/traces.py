@@ -262,11 +262,9 @@ def concerning(masks: Sequence[Mask], file: str, trace: str | None) -> list[Mask
 
 def same_file(wanted: str, file: str) -> bool:
     """Whether `wanted` is the name, the name without suffix, or the end of the path of `file`."""
-    parts, ends = file.replace("\\", "/").split("/"), wanted.replace("\\", "/").split("/")
-    if parts[-len(ends) :] == ends:
-        return True
+    parts, ends = (name.replace("\\", "/").split("/") for name in (file, wanted))
     stem = [*parts[:-1], parts[-1].rsplit(".", 1)[0]]
-    return stem[-len(ends) :] == ends
+    return ends in (parts[-len(ends) :], stem[-len(ends) :])
 
 
 def seconds(table: RawTable, unit: str | None) -> tuple[Floats, float]:
