@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -166,18 +166,16 @@ def _rivals(chosen: Chosen) -> list[Rival]:
     return [r for r in once([*others, *as_good(search, found)]) if r.explanation.keys != found.keys]
 
 
-def _warnings(held: HeldOut, kept: Explanation, horizon_s: float) -> tuple[str, ...]:
-    said = []
+def _warnings(held: HeldOut, kept: Explanation, horizon_s: float) -> Iterator[str]:
     if not kept.fit.converged:
-        said.append("The last fit had not converged: treat its numbers with care.")
+        yield "The last fit had not converged: treat its numbers with care."
     if held.stray and held.at_noise:
-        said.append(
+        yield (
             f"Readings of the confirming data ({held.stray}) are gross errors, {LIMIT:.2g} times the noise or more: "
             "noise with heavy tails, or bad readings."
         )
     if horizon_s > 0 and held.horizon is None:
-        said.append("No stretch of the confirming data is as long as the horizon: the errors are within windows.")
-    return tuple(said)
+        yield "No stretch of the confirming data is as long as the horizon: the errors are within windows."
 
 
 def nearest(chosen: Chosen, found: Explanation, evidence: Evidence) -> Nearest | None:

@@ -35,13 +35,12 @@ class Stretch:
         return self.stop - self.start
 
 
-def still_stretches(record: Record, sigma: Floats) -> tuple[Stretch, ...]:
+def still_stretches(record: Record, sigma: Floats) -> Iterator[Stretch]:
     """Three blocks or more in which every channel stays within its noise, (k,), that of rounding included.
 
     So do the means of the blocks, of which less is noise: a slow motion is one.
     """
     limit = 2.0 * FAR * sigma
-    found: list[Stretch] = []
     for trace in record.traces:
         starts = np.searchsorted(trace.t, np.arange(trace.t[0], trace.t[-1], BRIEF_S))
         edges = np.unique(np.append(starts, len(trace.t)))
@@ -55,25 +54,21 @@ def still_stretches(record: Record, sigma: Floats) -> tuple[Stretch, ...]:
             stretch = Stretch(trace.name, float(trace.t[edges[a]]), float(trace.t[edges[b] - 1]))
             together = np.all(np.ptp(means[a:b], axis=0) <= 2 * near[a:b].max(axis=0))
             if together and stretch.seconds >= (SEVERAL - 1) * BRIEF_S:
-                found.append(stretch)
-    return tuple(found)
+                yield stretch
 
 
-def frozen_stretches(record: Record, still: tuple[Stretch, ...]) -> tuple[Stretch, ...]:
+def frozen_stretches(record: Record, still: tuple[Stretch, ...]) -> Iterator[Stretch]:
     """Stretches of at least `BRIEF_S` in which one channel repeats the very same number while the trace moves."""
-    found: list[Stretch] = []
     for trace in record.traces:
         span = np.ptp(trace.y, axis=0)
         rests = [s for s in still if s.trace == trace.name]
         for k, name in enumerate(record.measured):
             for a, b in runs(np.diff(trace.y[:, k]) == 0.0):
                 s = Stretch(trace.name, float(trace.t[a]), float(trace.t[b]), name)
-                if s.seconds < BRIEF_S or any(o.start <= s.stop and s.start <= o.stop for o in rests):
-                    continue
+                rested = any(o.start <= s.stop and s.start <= o.stop for o in rests)
                 moved = np.delete(np.ptp(trace.y[a : b + 1], axis=0) > MOST * span, k)
-                if moved.any():
-                    found.append(s)
-    return tuple(found)
+                if s.seconds >= BRIEF_S and not rested and moved.any():
+                    yield s
 
 
 def at_limit(u: Floats) -> float:
@@ -144,8 +139,8 @@ def survey(record: Record, model: SymbolicModel, noise: Mapping[str, float] | No
         if c.position in record.measured and c.velocity in record.measured
         if (lag := velocity_lag(clean, c.position, c.velocity)) is not None
     )
-    still = still_stretches(clean, readings.sigma)
-    frozen = frozen_stretches(record, still)
+    still = tuple(still_stretches(clean, readings.sigma))
+    frozen = tuple(frozen_stretches(record, still))
     channels = tuple(_looks(record, model, readings))
     traces = tuple(_timing(record))
     warnings = (

@@ -33,7 +33,6 @@ from simgap.diagnosis.verdict.held_out import HeldOut, excess_share, judge
 from simgap.diagnosis.verdict.sets import errors_of
 from simgap.effects import EFFECTS, AppliedEffect
 from simgap.effects.sensors import LINEAR, is_linear
-from simgap.model.symbolic import SymbolicModel
 from simgap.notation import joined
 
 _ANY_EXCITATION = "a different excitation: other frequencies, amplitudes and positions"
@@ -207,38 +206,35 @@ def second_look(
     return tuple(sorted(said, key=lambda s: -s.share))
 
 
-def restatements(model: SymbolicModel, found: Sequence[AppliedEffect], measured: Sequence[str]) -> list[Alternative]:
+def restatements(model: SuperModel, found: Sequence[AppliedEffect]) -> Iterator[Alternative]:
     """Sets in which one effect of the library stands for some of those found, exactly."""
-    out = []
     for e in EFFECTS.values():
-        for on in e.targets(model):
-            same = e.restates(model, on, found, measured)
+        for on in e.targets(model.model):
+            same = e.restates(model.model, on, found, model.measured)
             if same is not None:
                 kept = tuple(a for k, a in enumerate(found) if k not in same[0])
-                whole = (*kept, AppliedEffect(e.name, on, same[1]))
-                out.append(Alternative(whole, 0.0, True))
-    return out + _by_the_sensors(model, found, measured)
+                yield Alternative((*kept, AppliedEffect(e.name, on, same[1])), 0.0, True)
+    if len(model.model.inputs) == 1:
+        yield from _by_the_sensors(model, found)
 
 
-def _by_the_sensors(model: SymbolicModel, found: Sequence[AppliedEffect], measured: Sequence[str]) -> list[Alternative]:
+def _by_the_sensors(model: SuperModel, found: Sequence[AppliedEffect]) -> Iterator[Alternative]:
     """Readings that are all as late as the only input was found to act; or a sensor that is as slow, of a linear plant.
 
     Whether a command or a reading is under way for so long, no record of these channels tells; in a closed loop both
     act alike.
     """
-    if len(model.inputs) != 1:
-        return []
-    out = []
+    plant, measured = model.model, model.measured
     for a in found:
         kept = tuple(b for b in found if b is not a)
-        late: tuple[AppliedEffect, ...] = ()
-        if a.name == "input_delay" and not any(b.name == "late_reading" for b in kept):
-            late = tuple(AppliedEffect("late_reading", on, {"late": a.values["delay"]}) for on in measured)
-        elif a.name == "input_lag" and len(measured) == 1 and {b.name for b in kept} <= LINEAR and is_linear(model):
-            late = (AppliedEffect("filtered_reading", measured[0], {"lag": a.values["T"]}),)
-        if late:
-            out.append(Alternative((*kept, *late), 0.0, True))
-    return out
+        names = {b.name for b in kept}
+        if a.name == "input_delay" and "late_reading" not in names:
+            late = [AppliedEffect("late_reading", on, {"late": a.values["delay"]}) for on in measured]
+        elif a.name == "input_lag" and len(measured) == 1 and names <= LINEAR and is_linear(plant):
+            late = [AppliedEffect("filtered_reading", measured[0], {"lag": a.values["T"]})]
+        else:
+            continue
+        yield Alternative((*kept, *late), 0.0, True)
 
 
 def with_restatements(
@@ -253,9 +249,7 @@ def with_restatements(
     known = {keys(found), *(keys(other.effects) for other in alternatives)}
     exact = [other.effects for other in alternatives if other.exact]
     equals = (found, *(own for own in exact if not any(is_fault(a.name) for a in own)))
-    for other in sorted(
-        (o for e in equals for o in restatements(model.model, e, model.measured)), key=lambda o: len(o.effects)
-    ):
+    for other in sorted((o for e in equals for o in restatements(model, e)), key=lambda o: len(o.effects)):
         mine = keys(other.effects)
         if not any(whole <= mine for whole in known):
             known.add(mine)

@@ -9,7 +9,7 @@ clearly go further.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -78,10 +78,10 @@ def faint_memory(problem: Problem, at: Fit) -> tuple[str, ...]:
     return tuple(names[k] for k in memory_left(problem, at) if np.mean(problem.weight[:, k]) > OWN)
 
 
-def noise_faults(problem: Problem) -> list[RecordingFault]:
+def noise_faults(problem: Problem) -> Iterable[RecordingFault]:
     """What is to be said of a noise that remembers."""
     if problem.colour is None:
-        return []
+        return ()
     lasts = float(problem.t[problem.windows.stop[0] - 1] - problem.t[problem.windows.start[0]])
     shared, tau = (map(float, each) for each in (problem.colour.shared, problem.colour.tau))
     return ColouredNoise().of(zip(problem.model.measured, shared, tau, strict=True), lasts)

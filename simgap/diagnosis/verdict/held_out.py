@@ -67,11 +67,13 @@ def judge(held: Problem, theta: Floats, horizon_s: float) -> HeldOut:
     loss = limited(plain, noise)
     count, chi2 = held.size, float(np.sum(loss**2))
     unbiased = math.sqrt(max(1.0 - held.taken / count, 0.1))  # the initial states took some degrees of freedom
-    rmse = np.sqrt(np.sum(held.misses(theta, at.x0) ** 2, axis=0) / held.compared) * held.sigma / unbiased
+    misses = held.misses(theta, at.x0)
+    rmse = np.sqrt(np.sum(misses**2, axis=0) / held.compared) * held.sigma / unbiased
     ratio = math.sqrt(float(np.sum(plain**2)) / count) / unbiased
     free = max(round(count - held.taken), 1)
     ahead = horizon_error(held, theta, horizon_s)
-    errors = _misses(held, theta, at) if ahead is None else _blocks(held, ahead)
+    by_window = Errors(misses[:, held.heard > 0.0], np.repeat(np.arange(len(held.windows)), np.diff(held.rows)))
+    errors = by_window if ahead is None else _blocks(held, ahead)
     return HeldOut(at.x0, rmse, ratio, chi2, free, held.heard, ahead, errors, int(np.sum(are_gross(loss, noise))))
 
 
@@ -79,15 +81,7 @@ def errors_ahead(held: Problem, theta: Floats, horizon_s: float) -> Errors:
     """What `judge` scores a model by, and nothing else."""
     held = replace(held, usual=None)
     ahead = horizon_error(held, theta, horizon_s)
-    if ahead is not None:
-        return _blocks(held, ahead)
-    return _misses(held, theta, fit(held, theta, initial_states(held), [], {}))
-
-
-def _misses(held: Problem, theta: Floats, at: Fit) -> Errors:
-    """The misses, window by window."""
-    misses = held.misses(theta, at.x0)[:, held.heard > 0.0]
-    return Errors(misses, np.repeat(np.arange(len(held.windows)), np.diff(held.rows)))
+    return judge(held, theta, 0.0).errors if ahead is None else _blocks(held, ahead)
 
 
 def _blocks(held: Problem, ahead: HorizonError) -> Errors:

@@ -8,7 +8,7 @@ declared (`search.columns`), or show as a gain that no motor has.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -133,15 +133,15 @@ class WrongSign(Fault):
         """The finding of a column that was turned."""
         return self.told(name, -1.0, f"The column of {name} has the wrong sign; it was reversed.")
 
-    def in_gain(self, found: FoundEffect) -> list[RecordingFault]:
+    def in_gain(self, found: FoundEffect) -> Iterator[RecordingFault]:
         """The finding behind an input's gain."""
         if found.parameters["ratio"].ci95[1] >= 0.0:
-            return []
+            return
         sentence = f"{found.on} is reversed: its column, its wiring or its motor has the wrong sign."
         remedy = (
             "If the column is wrong, give measured.columns.{}.scale: -1; otherwise swap the wires or change the case."
         )
-        return [self.told(found.on, -1.0, sentence, remedy)]
+        yield self.told(found.on, -1.0, sentence, remedy)
 
 
 class WrongUnit(Fault):
@@ -170,16 +170,15 @@ class WrongUnit(Fault):
         remedy = f"Give the column's unit (or scale: {factor:.6g}) under measured.columns.{first}."
         return self.told(name, factor, sentence, remedy)
 
-    def in_gain(self, found: FoundEffect) -> list[RecordingFault]:
+    def in_gain(self, found: FoundEffect) -> Iterator[RecordingFault]:
         """The findings behind an input's gain."""
-        out, ratio = [], found.parameters["ratio"]
+        ratio = found.parameters["ratio"]
         lo, hi = sorted(map(abs, ratio.ci95))
         for words, factor in self.ratios.items():
             if lo <= factor * (1 + WITHIN) and hi >= factor * (1 - WITHIN) and hi < 1.2 * lo:
                 sentence = f"{found.on} acts {ratio.value:.4g} times as strongly as its column says: {words}?"
                 remedy = "If so, give its column's unit under measured.columns.{}."
-                out.append(self.told(found.on, ratio.value, sentence, remedy))
-        return out
+                yield self.told(found.on, ratio.value, sentence, remedy)
 
 
 class ConstantColumn(Fault):
