@@ -89,14 +89,13 @@ def _for(part: Record, settings: DiagnosisSettings) -> DiagnosisSettings:
 
 def _cut(record: Record, change: Change, window_s: float) -> tuple[Record | None, ...]:
     """What is surely before and surely after; pieces shorter than a window are left out."""
-    before, after = list(record.traces[: change.trace]), list(record.traces[change.trace + 1 :])
-    split = record.traces[change.trace]
-    for side, at, which in ((before, len(before), split.t < change.begin), (after, 0, split.t > change.end)):
-        if np.count_nonzero(which) >= MIN_SAMPLES and np.ptp(split.t[which]) >= window_s:
-            side.insert(at, split.part(which))
-    if change.begin == change.end:  # between two traces
-        before, after = list(record.traces[: change.trace]), list(record.traces[change.trace :])
-    return tuple(replace(record, traces=tuple(s)) if s else None for s in (before, after))
+    before, after = record.traces[: change.trace], record.traces[change.trace :]
+    if change.begin != change.end:  # within a trace
+        split, *later = after
+        ends = split.part(split.t < change.begin), split.part(split.t > change.end)
+        first, last = ([p] if len(p.t) >= MIN_SAMPLES and p.duration >= window_s else [] for p in ends)
+        before, after = (*before, *first), (*last, *later)
+    return tuple(replace(record, traces=side) if side else None for side in (before, after))
 
 
 def _fault(change: Change, record: Record, sides: tuple[Diagnosis, Diagnosis], about: str) -> RecordingFault | None:

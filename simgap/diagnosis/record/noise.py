@@ -74,8 +74,7 @@ def samples_as_one(stretches: Sequence[Floats], most: int) -> float:
         own = np.fft.irfft(power, size, axis=0).sum(axis=1)[: min(most, len(part))]
         sums[: len(own)] += own
     rho = sums / max(float(sums[0]), 1e-300)
-    negative = np.flatnonzero(rho <= 0.0)
-    last = int(negative[0]) if negative.size else most
+    last = int(np.argmax(np.append(rho, 0.0) <= 0.0))  # all lags where none is negative
     return max(1.0, 1.0 + 2.0 * float(rho[1:last].sum()))
 
 

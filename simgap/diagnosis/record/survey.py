@@ -133,12 +133,9 @@ def survey(record: Record, model: SymbolicModel, noise: Mapping[str, float] | No
     """
     clean, _ = mended(record, model, READINGS)  # spikes are no noise, within which all would be at rest
     readings = worth(clean, noise)
-    lags = tuple(
-        lag
-        for c in model.coordinates
-        if c.position in record.measured and c.velocity in record.measured
-        if (lag := velocity_lag(clean, c.position, c.velocity)) is not None
-    )
+    pairs = [(c.position, c.velocity) for c in model.coordinates]
+    compared = (velocity_lag(clean, *pair) for pair in pairs if {*pair} <= {*record.measured})
+    lags = tuple(lag for lag in compared if lag is not None)
     still = tuple(still_stretches(clean, readings.sigma))
     frozen = tuple(frozen_stretches(record, still))
     channels = tuple(_looks(record, model, readings))

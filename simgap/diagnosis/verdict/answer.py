@@ -147,8 +147,7 @@ def steps(search: Search, empty: Explanation, answer: Explanation) -> tuple[Step
         best = min(own, key=lambda key: own[key].fit.chi2, default=None)
         tried = _tried(search, here) | own
         if tried and (best is not None or not left):
-            ordered: Sequence[Key] = sorted(tried, key=lambda key: (key != best, tried[key].fit.chi2))
-            at = ((key, tried[key]) for key in ordered)
+            at = sorted(tried.items(), key=lambda option: (option[0] != best, option[1].fit.chi2))
             options = (Option(*key, chi2_dof(search.problem, e.fit), here.bic - e.bic, key == best) for key, e in at)
             out.append(Step(chi2_dof(search.problem, here.fit), tuple(options)))
         if best is None:
