@@ -112,6 +112,21 @@ def from_to(start: float, stop: float) -> str:
     return f"{round(start, digits):.12g} to {round(stop, digits):.12g} s"
 
 
+def percent(share: float) -> str:
+    """A share as whole per cent of what there is: 0 to 100."""
+    return f"{100 * min(max(share, 0.0), 1.0):.0f}"
+
+
+def few(parts: Sequence[str]) -> Sequence[str]:
+    """Three parts or fewer; of more the first three, and how many more there are."""
+    return parts if len(parts) <= 3 else [*parts[:3], f"{len(parts) - 3} more"]
+
+
+def capitalised(text: str) -> str:
+    """A phrase at the beginning of a sentence; names within it stay as they are."""
+    return f"{text[0].upper()}{text[1:]}"
+
+
 def joined(parts: Sequence[str], last: str = "and") -> str:
     """'a', 'a and b', 'a, b and c'; nothing for no part."""
     return f"{', '.join(parts[:-1])} {last} {parts[-1]}" if len(parts) > 1 else "".join(parts)

@@ -46,15 +46,19 @@ def sides_apart(
     before, after = _cut(record, change, settings.window_s)
     if before is None or after is None or not _move_alike(before, after):
         return None
+
+    def whole(side: Record) -> Diagnosis | None:
+        """The answer for a side that is down to its noise, each effect asked for."""
+        d = answer(side, _for(side, settings))
+        return d if d is not None and d.verdict in ("none", "attributed") else None
+
     long, short = (before, after) if before.rows >= after.rows else (after, before)
     try:
-        main = answer(long, _for(long, settings))
-        if main is None or not _whole(main):
-            return None
-        other = answer(short, _for(short, settings))
+        main = whole(long)
+        other = None if main is None else whole(short)
     except UserError:  # a side is too short for three folds
         return None
-    if other is None or not _whole(other):
+    if main is None or other is None:
         return None
     sides = (main, other) if long is before else (other, main)
     fault = _fault(change, record, sides, "before" if long is before else "after")
@@ -76,11 +80,6 @@ def _move_alike(before: Record, after: Record) -> bool:
     return bool(np.all(MOST * np.maximum(first, second) <= np.minimum(first, second)))
 
 
-def _whole(d: Diagnosis) -> bool:
-    """Whether a side is down to its noise, each effect asked for."""
-    return d.verdict in ("none", "attributed")
-
-
 def _for(part: Record, settings: DiagnosisSettings) -> DiagnosisSettings:
     """The settings for a part: traces that are held out if it has some of them and others."""
     names = {trace.name for trace in part.traces}
@@ -90,14 +89,13 @@ def _for(part: Record, settings: DiagnosisSettings) -> DiagnosisSettings:
 
 def _cut(record: Record, change: Change, window_s: float) -> tuple[Record | None, ...]:
     """What is surely before and surely after; pieces shorter than a window are left out."""
-    before, after = list(record.traces[: change.trace]), list(record.traces[change.trace + 1 :])
-    split = record.traces[change.trace]
-    for side, at, which in ((before, len(before), split.t < change.begin), (after, 0, split.t > change.end)):
-        if np.count_nonzero(which) >= MIN_SAMPLES and np.ptp(split.t[which]) >= window_s:
-            side.insert(at, split.part(which))
-    if change.begin == change.end:  # between two traces
-        before, after = list(record.traces[: change.trace]), list(record.traces[change.trace :])
-    return tuple(replace(record, traces=tuple(s)) if s else None for s in (before, after))
+    before, after = record.traces[: change.trace], record.traces[change.trace :]
+    if change.begin != change.end:  # within a trace
+        split, *later = after
+        ends = split.part(split.t < change.begin), split.part(split.t > change.end)
+        first, last = ([p] if len(p.t) >= MIN_SAMPLES and p.duration >= window_s else [] for p in ends)
+        before, after = (*before, *first), (*last, *later)
+    return tuple(replace(record, traces=side) if side else None for side in (before, after))
 
 
 def _fault(change: Change, record: Record, sides: tuple[Diagnosis, Diagnosis], about: str) -> RecordingFault | None:

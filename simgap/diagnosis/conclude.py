@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,70 +24,55 @@ from simgap.diagnosis.result import (
     Verdict,
 )
 from simgap.diagnosis.search.confidence import chi2_dof, independent_share
-from simgap.diagnosis.search.equivalence import EXACTLY_COLLINEAR, Rival, collinear_pairs, once, rivals
-from simgap.diagnosis.search.explanations import Explanation, Search
-from simgap.diagnosis.search.fit import fit
+from simgap.diagnosis.search.equivalence import Rival, once, rivals
+from simgap.diagnosis.search.explanations import Explanation, Search, doubted
+from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.simulation.noise_law import LIMIT
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import FIT_QUALITY, LEAPS_ANYHOW, MATTERS, PLAUSIBLE_RATIO
-from simgap.diagnosis.verdict.answer import (
-    alternatives,
-    applied,
-    candidate_scores,
-    collinear_table,
-    doubts,
-    found_effects,
-    in_order,
-    predictions,
-    second_look,
-    steps,
-    with_restatements,
-)
+from simgap.diagnosis.verdict import answer
 from simgap.diagnosis.verdict.faults import extrapolated, faint_memory, noise_faults, push_faults
-from simgap.diagnosis.verdict.held_out import HeldOut, concentrated, excess_share, judge, judged
+from simgap.diagnosis.verdict.held_out import HeldOut, concentrated, excess_share, judge, judged, noise_floor
 from simgap.diagnosis.verdict.score import Errors, Gain, gained
 from simgap.diagnosis.verdict.sets import as_good, folds_agree, plausible, slight
-from simgap.model.symbolic import SymbolicModel
+from simgap.notation import percent
 
 
 def conclude(
-    model: SymbolicModel, record: Record, settings: DiagnosisSettings, parts: Parts, choice: Chosen,
-    said: tuple[str, ...], faults: tuple[RecordingFault, ...],
+    record: Record, settings: DiagnosisSettings, parts: Parts, choice: Chosen, said: tuple[str, ...],
+    faults: tuple[RecordingFault, ...],
 ) -> Diagnosis:  # fmt: skip
     """From what was chosen to the answer; here alone *confirm* is looked at."""
     known, confirm, horizon = parts.known, parts.confirm, settings.horizon_s
     names = [trace.name for trace in record.traces]
     chosen, evidence = confirmed(parts, choice, horizon)
-    old, new = evidence.declared, evidence.corrected
-    search, full, base = chosen.search, chosen.full, chosen.base
+    old, base, search, watch = evidence.declared, chosen.base, chosen.search, chosen.search.watch
     grade = _graded(record, parts, chosen, evidence)
     word, named = grade.word, grade.named
     empty = search.empty(chosen.sparse)
-    path = steps(search, empty, chosen.kept)
-    ordered = in_order(chosen.kept, path)
-    kept, held = (ordered, new) if named else (full.empty(base), old)
-    short = nearest(full, ordered, evidence, chosen.at_floor, model) if word == "unexplained" else None
-    watch = search.watch
+    path = answer.steps(search, empty, chosen.kept)
+    ordered = answer.in_order(chosen.kept, path)
+    kept, held = (ordered, evidence.corrected) if named else (chosen.full.empty(base), old)
+    short = nearest(chosen, ordered, evidence) if word == "unexplained" else None
     tested = word in ("partial", "unexplained") and short is None and not watch.stopped
-    left = second_look(search, chosen.found if named else empty, confirm, held, horizon, model) if tested else None
-    plain = replace(known, usual=None)
-    declared = fit(plain, base.theta, base.x0, [], {})
-    effects, listed, fitted, negligible = _findings(model, record, chosen, kept, grade.others)
-    windows = predictions(known, names, (base, base.x0), (kept.fit, kept.fit.x0), False)
-    windows += predictions(confirm, names, (base, old.states), (kept.fit, held.states), True)
+    left = answer.second_look(search, chosen.found if named else empty, confirm, held, horizon) if tested else None
+    fitted = answer.predictions(known, names, (base, base.x0), (kept.fit, kept.fit.x0), False)
+    confirming = answer.predictions(confirm, names, (base, old.states), (kept.fit, held.states), True)
+    effects, listed, seen, negligible = _findings(chosen, kept, grade.others)
+    floor = noise_floor(confirm, held, horizon)
     return Diagnosis(
         verdict=word,
         effects=effects,
         alternatives=listed,
-        before=judged(plain, declared, old, horizon),
+        before=_before(known, base, old, horizon),
         after=judged(known, kept.fit, held, horizon),
-        floor=_floor(confirm, held, horizon),
+        floor=floor,
         excess_share=evidence.share if named else 1.0,
         explained_error=evidence.gain.share if named and not chosen.at_floor else None,
-        sigma=dict(zip(record.measured, map(float, confirm.sigma), strict=True)),
-        candidates=candidate_scores(search, empty, chosen.barred),
-        collinear=collinear_table(collinear_pairs(search, empty), EXACTLY_COLLINEAR),
+        sigma=floor.fit_rmse,
+        candidates=answer.candidate_scores(search, empty, chosen.barred),
+        collinear=answer.collinear_table(search, empty),
         folds=FoldStretches(*(stretches(p.windows, confirm.t, names) for p in (parts.fit, parts.choose, confirm))),
         warnings=(*said, *negligible, *_warnings(held, kept, horizon), *grade.beside),
         doubts=grade.doubts,
@@ -95,14 +80,20 @@ def conclude(
         unconfirmed=grade.further,
         faint_memory=grade.faint,
         at_most=_limit_reached(settings, chosen),
-        applied=applied(kept),
-        windows=tuple(windows),
+        applied=answer.applied(kept),
+        windows=(*fitted, *confirming),
         nearest=short,
         left_over=left,
-        concentrated=concentrated(confirm, names, old, new),
-        recording=(*faults, *push_faults(parts.left_out, known, names), *fitted, *noise_faults(known)),
+        concentrated=concentrated(confirm, names, old, evidence.corrected),
+        recording=(*faults, *push_faults(parts.left_out, known, names), *seen, *noise_faults(known)),
         steps=path,
     )
+
+
+def _before(known: Problem, base: Fit, old: HeldOut, horizon_s: float) -> Judged:
+    """The figures of the model as declared, every error of the same weight."""
+    plain = replace(known, usual=None)
+    return judged(plain, fit(plain, base.theta, base.x0, [], {}), old, horizon_s)
 
 
 def _limit_reached(settings: DiagnosisSettings, chosen: Chosen) -> int | None:
@@ -113,19 +104,20 @@ def _limit_reached(settings: DiagnosisSettings, chosen: Chosen) -> int | None:
 
 
 def _findings(
-    model: SymbolicModel, record: Record, chosen: Chosen, kept: Explanation, others: Sequence[Rival]
+    chosen: Chosen, kept: Explanation, others: Sequence[Rival]
 ) -> tuple[tuple[FoundEffect, ...], tuple[Alternative, ...], tuple[RecordingFault, ...], tuple[str, ...]]:
     """Effects, sets that do as well, faults of the recording, and warnings of those of no practical size.
 
     The last are allowed for and are no findings.
     """
-    every = found_effects(chosen.full, kept, others, chosen.at_floor, model)
+    every = answer.found_effects(chosen.full, kept, others, chosen.at_floor)
     small = slight(chosen.full, kept, chosen.base)
     faults = (*fitted_faults(e for e in every if (e.name, e.on) not in small), *gain_faults(every))
     beside = fitted_faults(e for e in every if (e.name, e.on) in small)
     plant = [e for e in every if not is_fault(e.name)]
-    listed = alternatives(chosen.found, others)
-    effects, listed = with_restatements(plant, listed, model, applied(kept), record.measured)
+    effects, listed = answer.with_restatements(
+        plant, answer.alternatives(chosen.found, others), chosen.full.problem.model, kept
+    )
     said = tuple(f"{f.sentence} It is negligible in practice and allowed for." for f in beside)
     return effects, listed, faults, said
 
@@ -151,14 +143,14 @@ class _Grade:
 
 def _graded(record: Record, parts: Parts, chosen: Chosen, evidence: Evidence) -> _Grade:
     """The verdict by the evidence, held back where something else may have acted or fits better."""
-    word, members = verdict(chosen.kept, evidence), chosen.kept.members
+    word = verdict(chosen.kept, evidence)
     asked = parts.left_out and word in ("attributed", "none")
     further = extrapolated(record, parts, chosen.kept.fit) if asked else ()
-    word = "partial" if further and members else word
+    word = "partial" if further and chosen.kept.members else word
     named = word in ("attributed", "partial") or (word == "none" and evidence.needed)
     others = _rivals(chosen) if named else []
-    unsure = doubts(others, chosen.found, chosen.full.problem, chosen.kept)
-    faint = faint_memory(parts.known, chosen.kept.fit) if word == "attributed" and members else ()
+    unsure = (*answer.contested(others, chosen.found), *doubted(chosen.full.problem, chosen.kept))
+    faint = faint_memory(parts.known, chosen.kept.fit) if word == "attributed" else ()
     word = "partial" if (unsure or faint) and word == "attributed" else word
     if word != "partial" or not evidence.at_noise:
         return _Grade(word, named, others, further, faint, (), unsure)
@@ -174,39 +166,28 @@ def _rivals(chosen: Chosen) -> list[Rival]:
     return [r for r in once([*others, *as_good(search, found)]) if r.explanation.keys != found.keys]
 
 
-def _floor(problem: Problem, held: HeldOut, horizon_s: float) -> Judged:
-    names = problem.model.measured
-    sigma = dict(zip(names, map(float, problem.sigma), strict=True))
-    ahead = {} if held.horizon is None else dict(zip(names, map(float, held.horizon.floor), strict=True))
-    return Judged(sigma, horizon_s, ahead, 1.0, 1.0)
-
-
-def _warnings(held: HeldOut, kept: Explanation, horizon_s: float) -> tuple[str, ...]:
-    said = []
+def _warnings(held: HeldOut, kept: Explanation, horizon_s: float) -> Iterator[str]:
     if not kept.fit.converged:
-        said.append("The last fit had not converged: treat its numbers with care.")
+        yield "The last fit had not converged: treat its numbers with care."
     if held.stray and held.at_noise:
-        said.append(
+        yield (
             f"Readings of the confirming data ({held.stray}) are gross errors, {LIMIT:.2g} times the noise or more: "
             "noise with heavy tails, or bad readings."
         )
     if horizon_s > 0 and held.horizon is None:
-        said.append("No stretch of the confirming data is as long as the horizon: the errors are within windows.")
-    return tuple(said)
+        yield "No stretch of the confirming data is as long as the horizon: the errors are within windows."
 
 
-def nearest(
-    full: Search, found: Explanation, evidence: Evidence, at_floor: bool, model: SymbolicModel
-) -> Nearest | None:
+def nearest(chosen: Chosen, found: Explanation, evidence: Evidence) -> Nearest | None:
     """What was put to *confirm* and is not named, with the reasons; None if it explains next to nothing."""
-    share = 1.0 - evidence.share if at_floor else evidence.gain.share[0]
+    share = 1.0 - evidence.share if chosen.at_floor else evidence.gain.share[0]
     if not found.members or share < MATTERS:
         return None
-    low, high = (100.0 * min(max(end, 0.0), 1.0) for end in evidence.gain.share[1:])
+    low, high = map(percent, evidence.gain.share[1:])
     reasons = (
         (
             not evidence.gain.sure,
-            f"that share is not sure, its 95 % interval is {low:.0f} to {high:.0f} % (longer data narrow it)",
+            f"that share is not sure, its 95 % interval is {low} to {high} % (longer data narrow it)",
         ),
         (
             not evidence.borne_out,
@@ -215,14 +196,14 @@ def nearest(
         (not evidence.agree, "halves of the data give different numbers"),
         (not found.physical, "the numbers are not physical"),
         (
-            not (at_floor or plausible(found)),
+            not (chosen.at_floor or plausible(found)),
             f"a ratio that is not between 1/{PLAUSIBLE_RATIO:g} and {PLAUSIBLE_RATIO:g} is rather a wrong unit: "
             "compare the units of the columns and of the case",
         ),
         (not found.fit.converged, "the fit had not converged"),
         (all(c.of_recording for c in found.members), "it is a fault of the recording, and more than noise is left"),
     )
-    effects = found_effects(full, found, (), at_floor, model)
+    effects = answer.found_effects(chosen.full, found, (), chosen.at_floor)
     return Nearest(effects, share, tuple(reason for holds, reason in reasons if holds))
 
 

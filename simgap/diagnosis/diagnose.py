@@ -98,7 +98,7 @@ def _diagnosed(
         best = looked_again(watch, lambda: sought.likeliest(every))
         if best is not None and not watch.stopped:
             sought, apart = best, None if best.ready is sought.ready else _apart(model, best)
-    return (_concluded(model, sought) if apart is None else apart), sought.ready.record
+    return (_concluded(sought) if apart is None else apart), sought.ready.record
 
 
 def _apart(model: SymbolicModel, sought: _Sought) -> Diagnosis | None:
@@ -179,14 +179,14 @@ class _Sought:
         return best
 
 
-def _concluded(model: SymbolicModel, sought: _Sought) -> Diagnosis:
+def _concluded(sought: _Sought) -> Diagnosis:
     """The answer from what was found: the set that is judged on *confirm*, and what *confirm* says of it."""
     own, under = sought.ready, sought.under
     if under.watch.stopped:  # what is spent is spent: the answer stands on the samples that it was found on
         under = replace(under, parts=replace(under.parts, known=under.search.problem))
         sought = replace(sought, under=under)
     faults = (*own.faults, *sought.filtered)
-    return conclude(model, own.record, under.settings, under.parts, sought.choice, own.said, faults)
+    return conclude(own.record, under.settings, under.parts, sought.choice, own.said, faults)
 
 
 def _sought(model: SymbolicModel, own: Ready, settings: DiagnosisSettings, watch: Watch) -> _Sought:
@@ -250,6 +250,6 @@ def _part_by(model: SymbolicModel, tell: Callable[[str], None]) -> Answer:
 
     def answer(part: Record, settings: DiagnosisSettings) -> Diagnosis | None:
         sought = _sought(model, ready(model, part, settings)[0], settings, Watch(tell=tell))
-        return _concluded(model, sought) if sought.under.reached else None
+        return _concluded(sought) if sought.under.reached else None
 
     return answer

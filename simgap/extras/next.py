@@ -28,20 +28,18 @@ from simgap.io import figure_style as style
 from simgap.io.atomic import write_text
 from simgap.io.recordings.measured import load_reading
 from simgap.io.results import write_json
-from simgap.notation import axis_label, joined, number, pretty_unit
+from simgap.notation import axis_label, few, joined, number, pretty_unit
 from simgap.plants.context import Context
 from simgap.stages import log
 from simgap.stages.diagnosis import settings_of
 from simgap.stages.gap_inputs import read_result
-
-_MOST_NAMED = 3
 
 
 def paragraph(question: Question, advice: Advice, units: Mapping[str, str], file: str) -> str:
     """Sentences: what cannot be told apart, what to record, how sure one will be, and what else would help."""
     rivals, best = advice.known.rivals, advice.proposal.best
     labels = [r.label for r in rivals]
-    shown = labels if len(labels) <= _MOST_NAMED else [*labels[:_MOST_NAMED], f"{len(labels) - _MOST_NAMED} more"]
+    shown = few(labels)
     if len(rivals) == 1:
         opening = f"These recordings separate {labels[0]} from all that was tried and does not act exactly alike."
     else:

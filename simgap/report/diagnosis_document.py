@@ -19,7 +19,7 @@ from simgap.diagnosis.verdict import words
 from simgap.effects import effect
 from simgap.effects.base import Quoted
 from simgap.model.tree import Tree
-from simgap.notation import joined
+from simgap.notation import capitalised, joined
 
 Document = Mapping[str, Any]
 NUMBER_FROM = {
@@ -211,7 +211,7 @@ def _arm_found(document: Document) -> str:
     parts = [*own, *([f"other inertial parameters of {where}"] if links else [])]
     what = joined(parts)
     verb = "explains" if own == parts and len(parts) == 1 else "explain" if len(parts) == 1 else "together explain"
-    text = f"{what[0].upper()}{what[1:]} {verb} {words.explained(document)} of the torques."
+    text = f"{capitalised(what)} {verb} {words.explained(document)} of the torques."
     return f"{text}{_mounted(document)}"
 
 

@@ -41,8 +41,8 @@ def test_noise_that_is_estimated_too_large_hides_no_effect(monkeypatch, times):
     """Steps that a quick plant follows at once were taken for noise, within which the model as declared lay."""
     made = record(oscillator(), Hidden(bias={"u": 0.02}), 4, seconds=20.0)
 
-    def louder(given):
-        found = worth(given)
+    def louder(*given):
+        found = worth(*given)
         return replace(found, sigma=times * found.sigma)
 
     monkeypatch.setattr(parts, "worth", louder)

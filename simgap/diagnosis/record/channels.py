@@ -49,9 +49,10 @@ class RawTable:
 
 def no_time_column(time: str, header: Sequence[str], file: str) -> UserError:
     """What to say of a file without the column of stamps."""
-    listed = excerpt(", ".join(f"'{name}'" for name in header), 200)
     return UserError(
-        f"no time column '{time}' among {listed}", file=file, remedy="Name it with measured.time.column in the case."
+        f"no time column '{time}' among {excerpt(_listed(header), 200)}",
+        file=file,
+        remedy="Name it with measured.time.column in the case.",
     )
 
 
@@ -104,8 +105,9 @@ def measured_columns(
         UserError: if it holds none, lacks a column that the case names or an input that is not declared constant, or
             stores a unit that is not the channel's. What the case has to say otherwise names its key and no file.
     """
-    for c in channels:
-        if c.constant is None and c.mapped and c.column not in header:
+    read = [c for c in channels if c.constant is None]
+    for c in read:
+        if c.mapped and c.column not in header:
             raise UserError(
                 f"'{file}' has no column '{c.column}', it has {_listed(header)}",
                 key=f"{c.key}.column", remedy="Name one of its columns.",
@@ -118,14 +120,14 @@ def measured_columns(
             file=file,
             remedy=f"Rename a column, or map it in the case: `measured: {{columns: {{{states[0]}: COLUMN}}}}`.",
         )
-    for c in channels:
-        if c.constant is None and c.is_input and c.column not in header:
+    for c in read:
+        if c.is_input and c.column not in header:
             raise UserError(
                 f"no column for the input '{c.name}' among {_listed(header)}",
                 file=file,
                 remedy=f"Map it with {c.key}.column, or give {c.key}.constant if it was held.",
             )
-        if c.constant is None and c.column in header:
+        if c.column in header:
             _affine(c.column_unit or units.get(c.column) or c.unit, c, file)
     return found
 

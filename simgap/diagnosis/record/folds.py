@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -70,20 +70,12 @@ class Windows:
 
 
 def past_the_unknown(windows: Windows, t: Floats, reach_s: float) -> Windows:
-    """The windows begun no earlier than `reach_s` after the first sample of their trace; t: (n,) s.
+    """The windows without the first `reach_s` of each trace, as `left_out` leaves them; t: (n,) s.
 
-    What was commanded before a trace begins is not in the record; where it still acts, nothing can be compared. Windows
-    that become too short are dropped, all are kept as they are if none would be left.
+    What was commanded before a trace begins is not in the record; where it still acts, nothing can be compared.
     """
-    if reach_s <= 0.0:
-        return windows
-    start = windows.start.copy()
-    for f in np.unique(windows.first):
-        own = windows.first == f
-        known = f + np.searchsorted(t[f : windows.stop[own].max()], t[f] + reach_s * (1 - 1e-9))
-        start[own] = np.maximum(start[own], known)
-    kept = windows.stop - start >= MIN_SAMPLES
-    return Windows(start, windows.stop, windows.first, windows.trace).pick(kept) if kept.any() else windows
+    begins = dict(zip(windows.trace.tolist(), t[windows.first].tolist(), strict=True))
+    return left_out(windows, t, tuple((k, begin, begin + reach_s * (1 - 1e-9)) for k, begin in begins.items()))
 
 
 def split_windows(record: Record, seconds: float) -> Windows:
@@ -97,7 +89,7 @@ def split_windows(record: Record, seconds: float) -> Windows:
     for index, trace in enumerate(record.traces):
         n, duration = len(trace.t), trace.duration
         count = max(1, round(duration / seconds))
-        if n >= MIN_SAMPLES and duration >= 0.5 * seconds:
+        if duration >= 0.5 * seconds:
             edges = np.searchsorted(trace.t, trace.t[0] + duration * np.arange(1, count) / count)
             bounds = [0, *edges.tolist(), n]
             for a, b in itertools.pairwise(bounds):
@@ -178,7 +170,7 @@ class Folds:
     @property
     def complete(self) -> bool:
         """Whether each fold has a window."""
-        return all(bool(getattr(self, f.name).any()) for f in fields(self))
+        return all(mask.any() for mask in (self.fit, self.choose, self.confirm))
 
 
 def needed_ahead(record: Record, window_s: float, horizon_s: float) -> float:
@@ -255,8 +247,8 @@ def confirm_mask(names: Sequence[str], windows: Windows, traces: Sequence[str], 
     if traces:
         held = np.array([names[k] in traces for k in windows.trace], dtype=bool)
         if not held.any():
-            word = "names no trace that is as long as a window"
-            raise UserError(f"held_out {word}", remedy=f"Traces: {', '.join(names)}.")
+            problem = "held_out names no trace that is as long as a window"
+            raise UserError(problem, remedy=f"Traces: {', '.join(names)}.")
     elif len(present) >= SEVERAL_TRACES:
         held = np.isin(windows.trace, present[-min(_part(share, len(present)), len(present) - 2) :])
     elif len(windows) > 1:
@@ -290,8 +282,6 @@ def _between(windows: Windows, taken: Bools, share: float, block: int) -> Bools:
 
 def _runs(windows: Windows, free: Bools, block: int) -> Ints:
     """Where `block` free neighbours of one trace begin."""
-    if len(free) < block:
-        return np.zeros(0, dtype=np.int64)
     good = sliding_window_view(free, block).all(axis=1)
     if block > 1:
         joined = (windows.start[1:] == windows.stop[:-1]) & (windows.trace[1:] == windows.trace[:-1])

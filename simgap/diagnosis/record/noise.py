@@ -11,10 +11,11 @@ Source: Widrow, Kollar (2008), Quantization Noise, ch. 5, 9; Kish (1965), Survey
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from simgap.arrays import Floats, Ints
 from simgap.diagnosis.record.record import Record
@@ -25,17 +26,18 @@ ORDER = 6
 _BLOCK = 50_000  # rows at a time: memory stays small for long records
 
 
-def difference_weights(t: Floats) -> Floats:
-    """Weights of the sixth divided differences over true times, scaled to unit length: (n,) -> (n - 6, 7).
+def sixth_differences(t: Floats, y: Floats) -> Floats:
+    """Sixth divided differences over true times, their weights scaled to unit length: (n,), (n, k) -> (n - 6, k).
 
-    A row is orthogonal to every polynomial below that order at its stamps. For even spacing it is the binomial
-    difference over sqrt(924).
+    The weights are orthogonal to every polynomial below that order at their stamps. For even spacing they are the
+    binomial difference over sqrt(924).
     """
-    stamps = np.lib.stride_tricks.sliding_window_view(t, ORDER + 1)
+    stamps = sliding_window_view(t, ORDER + 1)
     scale = (stamps[:, -1] - stamps[:, 0])[:, None] / ORDER
     gaps = (stamps[:, :, None] - stamps[:, None, :]) / scale[:, :, None] + np.eye(ORDER + 1)
     weights = 1.0 / np.prod(gaps, axis=2)
-    return weights / np.linalg.norm(weights, axis=1, keepdims=True)
+    weights /= np.linalg.norm(weights, axis=1, keepdims=True)
+    return np.asarray(np.einsum("rkj,rj->rk", sliding_window_view(y, ORDER + 1, axis=0), weights))
 
 
 def noise_floor(record: Record) -> Floats:
@@ -49,10 +51,8 @@ def noise_floor(record: Record) -> Floats:
     for trace in record.traces:
         for a in range(0, len(trace.t) - ORDER, _BLOCK):  # none of a trace that is too short
             part = slice(a, min(a + _BLOCK + ORDER, len(trace.t)))
-            weights = difference_weights(trace.t[part])
-            views = np.lib.stride_tricks.sliding_window_view(trace.y[part], ORDER + 1, axis=0)  # (rows, k, 7)
-            used = np.lib.stride_tricks.sliding_window_view(trace.compared[part], ORDER + 1, axis=0).all(axis=2)
-            total += (used * np.square(np.einsum("rkj,rj->rk", views, weights))).sum(axis=0)
+            used = sliding_window_view(trace.compared[part], ORDER + 1, axis=0).all(axis=2)
+            total += (used * np.square(sixth_differences(trace.t[part], trace.y[part]))).sum(axis=0)
             count += used.sum(axis=0)
     spread = np.sqrt(np.mean([np.var(trace.y, axis=0) for trace in record.traces], axis=0))
     floor = 1e-7 * np.maximum(spread, 1e-12)  # data without noise: below the accuracy of the simulation
@@ -74,8 +74,7 @@ def samples_as_one(stretches: Sequence[Floats], most: int) -> float:
         own = np.fft.irfft(power, size, axis=0).sum(axis=1)[: min(most, len(part))]
         sums[: len(own)] += own
     rho = sums / max(float(sums[0]), 1e-300)
-    negative = np.flatnonzero(rho <= 0.0)
-    last = int(negative[0]) if negative.size else most
+    last = int(np.argmax(np.append(rho, 0.0) <= 0.0))  # all lags where none is negative
     return max(1.0, 1.0 + 2.0 * float(rho[1:last].sum()))
 
 
@@ -88,7 +87,7 @@ def resolution(record: Record) -> Floats:
     for k in range(len(record.measured)):
         read = [trace.y[trace.compared[:, k] > 0.0, k] for trace in record.traces]  # what was bridged shows no counts
         steps = np.concatenate([np.abs(np.diff(y)) for y in read])
-        steps = steps[steps > 1e-12 * (float(np.max(np.abs(steps))) + 1e-300)] if steps.size else steps
+        steps = steps[steps > 1e-12 * (np.max(steps, initial=0.0) + 1e-300)]
         if steps.size > 20:
             single = steps[steps < 1.5 * np.min(steps)]
             count, cut = float(np.mean(single)), float(np.ptp(single) / np.mean(single))
@@ -127,8 +126,8 @@ class Worth:
     shared: Floats
 
 
-def worth(record: Record) -> Worth:
-    """Noise and worth of every reading of a record."""
+def worth(record: Record, known: Mapping[str, float] | None = None) -> Worth:
+    """Noise and worth of every reading of a record; `known`: standard deviations that need no estimate, by channel."""
     sigma, steps = noise_floor(record), resolution(record)
     shared = np.zeros(len(steps))
     for k in np.flatnonzero(steps > 0.0):
@@ -137,6 +136,8 @@ def worth(record: Record) -> Worth:
         sigma[k] = max(sigma[k], np.hypot(white, step / np.sqrt(12.0)))  # few slow readings tell little of the noise
         shared[k] = _placed(white / step) * (step / sigma[k]) ** 2
     weight = [weights(trace.y, steps, shared) for trace in record.traces]
+    given = known or {}
+    sigma = np.array([given.get(name, s) for name, s in zip(record.measured, sigma.tolist(), strict=True)])
     return Worth(sigma, np.concatenate(weight), steps, shared)
 
 
@@ -149,7 +150,7 @@ def weights(y: Floats, steps: Floats, shared: Floats) -> Floats:
     return out
 
 
-def white_noise(record: Record, k: int, step: float, every: float | None = None) -> float:
+def white_noise(record: Record, k: int, step: float, every: float) -> float:
     """Standard deviation of the white noise of channel k before it was rounded to a step.
 
     Where a motion is slow, steady readings change by whole counts in one direction, and only noise sends them back: two
@@ -157,7 +158,6 @@ def white_noise(record: Record, k: int, step: float, every: float | None = None)
     (`every`) tell it too, but show rounding at half a count a reading as noise three times as large; they stand where
     the noise is larger than rounding by far, or nothing is slow.
     """
-    every = float(noise_floor(record)[k]) if every is None else every
     of_all = max(every**2 / step**2 - 1.0 / 12.0, 0.0)
     products = np.concatenate([_returns(np.round((tr.y[:, k] - tr.y[0, k]) / step)) for tr in record.traces])
     if of_all > _LOUD**2 or products.size < _FEWEST:
@@ -174,7 +174,7 @@ def _returns(place: Floats) -> Floats:
     """
     if len(place) < _SPAN:
         return np.zeros(0)
-    slow = np.ptp(np.lib.stride_tricks.sliding_window_view(place, _SPAN), axis=1) <= _NEAR
+    slow = np.ptp(sliding_window_view(place, _SPAN), axis=1) <= _NEAR
     change = np.diff(place)[_SPAN // 2 - 1 :][: len(slow) + 1]
     at = np.arange(len(slow))
     since = at - np.maximum.accumulate(np.where(slow, -1, at))  # slow readings up to here, one after the other

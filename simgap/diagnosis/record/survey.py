@@ -11,7 +11,7 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.diagnosis.record.faults.columns import VelocityLag, velocity_lags
 from simgap.diagnosis.record.faults.registry import READINGS, mended
-from simgap.diagnosis.record.noise import resolution, worth
+from simgap.diagnosis.record.noise import Worth, worth
 from simgap.diagnosis.record.record import Record, runs
 from simgap.diagnosis.thresholds import A_FEW, BRIEF_S, FAR, MATTERS, MOST, SELDOM, SEVERAL
 from simgap.late import sympy as sp
@@ -35,13 +35,12 @@ class Stretch:
         return self.stop - self.start
 
 
-def still_stretches(record: Record, sigma: Floats) -> tuple[Stretch, ...]:
+def still_stretches(record: Record, sigma: Floats) -> Iterator[Stretch]:
     """Three blocks or more in which every channel stays within its noise, (k,), that of rounding included.
 
     So do the means of the blocks, of which less is noise: a slow motion is one.
     """
     limit = 2.0 * FAR * sigma
-    found: list[Stretch] = []
     for trace in record.traces:
         starts = np.searchsorted(trace.t, np.arange(trace.t[0], trace.t[-1], BRIEF_S))
         edges = np.unique(np.append(starts, len(trace.t)))
@@ -55,25 +54,21 @@ def still_stretches(record: Record, sigma: Floats) -> tuple[Stretch, ...]:
             stretch = Stretch(trace.name, float(trace.t[edges[a]]), float(trace.t[edges[b] - 1]))
             together = np.all(np.ptp(means[a:b], axis=0) <= 2 * near[a:b].max(axis=0))
             if together and stretch.seconds >= (SEVERAL - 1) * BRIEF_S:
-                found.append(stretch)
-    return tuple(found)
+                yield stretch
 
 
-def frozen_stretches(record: Record, still: tuple[Stretch, ...]) -> tuple[Stretch, ...]:
+def frozen_stretches(record: Record, still: tuple[Stretch, ...]) -> Iterator[Stretch]:
     """Stretches of at least `BRIEF_S` in which one channel repeats the very same number while the trace moves."""
-    found: list[Stretch] = []
     for trace in record.traces:
         span = np.ptp(trace.y, axis=0)
         rests = [s for s in still if s.trace == trace.name]
         for k, name in enumerate(record.measured):
             for a, b in runs(np.diff(trace.y[:, k]) == 0.0):
                 s = Stretch(trace.name, float(trace.t[a]), float(trace.t[b]), name)
-                if s.seconds < BRIEF_S or any(o.start <= s.stop and s.start <= o.stop for o in rests):
-                    continue
+                rested = any(o.start <= s.stop and s.start <= o.stop for o in rests)
                 moved = np.delete(np.ptp(trace.y[a : b + 1], axis=0) > MOST * span, k)
-                if moved.any():
-                    found.append(s)
-    return tuple(found)
+                if s.seconds >= BRIEF_S and not rested and moved.any():
+                    yield s
 
 
 def at_limit(u: Floats) -> float:
@@ -137,14 +132,11 @@ def survey(record: Record, model: SymbolicModel, noise: Mapping[str, float] | No
         noise: standard deviations that are known, by channel; the others are estimated.
     """
     clean, _ = mended(record, model, READINGS)  # spikes are no noise, within which all would be at rest
-    quantum, sigma = resolution(clean), worth(clean).sigma
-    for name, value in (noise or {}).items():
-        if name in record.measured:
-            sigma[record.measured.index(name)] = value
+    readings = worth(clean, noise)
     lags = tuple(velocity_lags(clean, model))
-    still = still_stretches(clean, sigma)
-    frozen = frozen_stretches(record, still)
-    channels = tuple(_looks(record, model, sigma, quantum))
+    still = tuple(still_stretches(clean, readings.sigma))
+    frozen = tuple(frozen_stretches(record, still))
+    channels = tuple(_looks(record, model, readings))
     traces = tuple(_timing(record))
     warnings = (
         *_excitation(record, model),
@@ -162,12 +154,13 @@ def _timing(record: Record) -> Iterator[TraceLook]:
         yield TraceLook(trace.name, len(trace.t), trace.duration, 1.0 / usual, float(np.std(whole)), float(np.max(dt)))
 
 
-def _looks(record: Record, model: SymbolicModel, sigma: Floats, quantum: Floats) -> Iterator[ChannelLook]:
+def _looks(record: Record, model: SymbolicModel, readings: Worth) -> Iterator[ChannelLook]:
     """Every state that was measured, then every input."""
     read, put = (np.concatenate([getattr(trace, n) for trace in record.traces]) for n in ("y", "u"))
     for k, (name, x) in enumerate(zip((*record.measured, *record.inputs), (*read.T, *put.T), strict=True)):
         range_ = float(x.min()), float(x.max()), float(np.sqrt(np.mean(x**2)))
-        own = (float(sigma[k]), float(quantum[k])) if k < len(sigma) else (None, 0.0, at_limit(x))
+        is_input = k >= len(record.measured)
+        own = (None, 0.0, at_limit(x)) if is_input else (float(readings.sigma[k]), float(readings.steps[k]))
         yield ChannelLook(name, model.units[name], *range_, *own)
 
 

@@ -111,7 +111,8 @@ def _file_traces(
         raise UserError("has one row", file=table.file, remedy="Give a recording that lasts at least one window.")
     values_of, turns_of = convert(table, used)
     t, epoch = seconds(table, section.time.unit)
-    traces, labels, parts = list[Trace](), list[str | None](), list[Split]()
+    traces, labels, moves = list[Trace](), list[str | None](), False
+    counts, turned = np.zeros(len(_COUNTED), dtype=np.int64), set[int]()
     groups = [(label, rows, concerning(section.masks, table.file, label)) for label, rows in by_label(table)]
     empty = np.isnan([values_of[c.name] for c in used])
     said = list(_empty_cells(table.file, used, empty, [rows[kept(t[rows], masks)] for _, rows, masks in groups]))
@@ -121,14 +122,15 @@ def _file_traces(
         check_interval(t[rows], section.window_s, section.time.unit or table.time_unit, table.file)
         block = np.stack([values_of[c.name][rows] for c in used], axis=1)
         turns = {j: turns_of[c.name] for j, c in enumerate(used) if c.name in turns_of}
-        part = split(t[rows], block, turns, masks, section.time.gap_s, section.window_s)
+        found, treated, jumped = split(t[rows], block, turns, masks, section.time.gap_s, section.window_s)
         base = name if label is None else f"{name}:{label}"
-        for i, (stamps, values) in enumerate(part.pieces):
-            piece = base if i == 0 else f"{base}#{i + 1}"
-            traces.append(Trace(piece, stamps, values[:, :k], values[:, k:]))
-        labels += [label] * len(part.pieces)
-        parts.append(part)
-    if all(part.samples < 2 for part in parts):
+        for i, (stamps, values) in enumerate(found):
+            traces.append(Trace(base if i == 0 else f"{base}#{i + 1}", stamps, values[:, :k], values[:, k:]))
+            labels.append(label)
+        counts += treated
+        turned |= jumped
+        moves |= bool(np.any(np.diff(t[rows])))
+    if not moves:
         raise UserError(
             "all rows have one time stamp", file=table.file, remedy="Check measured.time.column and its unit."
         )
@@ -138,8 +140,8 @@ def _file_traces(
         rows=table.rows,
         rows_used=sum(len(trace.t) for trace in traces),
         epoch_s=epoch,
-        **{n: sum(part.counts[n] for part in parts) for n in parts[0].counts},
-        unwrapped=tuple(c.name for j, c in enumerate(used) if any(j in part.unwrapped for part in parts)),
+        **dict(zip(_COUNTED, counts.tolist(), strict=True)),
+        unwrapped=tuple(c.name for j, c in enumerate(used) if j in turned),
         traces=tuple(trace.name for trace in traces),
     )
     return traces, note, labels, said
@@ -260,11 +262,9 @@ def concerning(masks: Sequence[Mask], file: str, trace: str | None) -> list[Mask
 
 def same_file(wanted: str, file: str) -> bool:
     """Whether `wanted` is the name, the name without suffix, or the end of the path of `file`."""
-    parts, ends = file.replace("\\", "/").split("/"), wanted.replace("\\", "/").split("/")
-    if parts[-len(ends) :] == ends:
-        return True
+    parts, ends = (name.replace("\\", "/").split("/") for name in (file, wanted))
     stem = [*parts[:-1], parts[-1].rsplit(".", 1)[0]]
-    return stem[-len(ends) :] == ends
+    return ends in (parts[-len(ends) :], stem[-len(ends) :])
 
 
 def seconds(table: RawTable, unit: str | None) -> tuple[Floats, float]:
@@ -331,23 +331,6 @@ def check_interval(t: Floats, window_s: float, unit: str | None, file: str) -> N
     raise UserError(problem, file=file, key="measured.time.unit", remedy=remedy)
 
 
-def merge_repeats(t: Floats, columns: Floats) -> tuple[Floats, Floats, int]:
-    """One row for each stamp, the mean of the rows that share it.
-
-    Args:
-        t: (n,) stamps, not decreasing.
-        columns: (n, m).
-
-    Returns:
-        stamps (k,), columns (k, m), rows merged away.
-    """
-    first = np.flatnonzero(np.concatenate([[True], np.diff(t) > 0.0]))
-    if first.size == t.size:
-        return t, columns, 0
-    counts = np.diff(np.append(first, t.size))
-    return t[first], np.add.reduceat(columns, first, axis=0) / counts[:, None], int(t.size - first.size)
-
-
 def kept(t: Floats, masks: Sequence[Mask]) -> Bools:
     """Which stamps the masks leave: (n,) s -> (n,), inside some `keep` (if there is one) and outside every `drop`."""
     keeps, drops = ([r for m in masks if (r := getattr(m, side)) is not None] for side in ("keep", "drop"))
@@ -355,35 +338,15 @@ def kept(t: Floats, masks: Sequence[Mask]) -> Bools:
     return np.broadcast_to((inside | (not keeps)) & ~outside, t.shape)
 
 
-def pieces(t: Floats, inside: Bools, limit: float) -> list[slice]:
-    """Runs of consecutive stamps (n,) s that are `inside` (n,) and never further apart than `limit` seconds."""
+def pieces(t: Floats, inside: Bools, limit: float) -> list[Ints]:
+    """Rows of consecutive stamps (n,) s that are `inside` (n,) and never further apart than `limit` seconds."""
     index = np.flatnonzero(inside)
-    if not index.size:
-        return []
     breaks = np.flatnonzero((np.diff(index) > 1) | (np.diff(t[index]) > limit)) + 1
-    starts, stops = np.append(0, breaks), np.append(breaks, index.size)
-    return [slice(int(index[a]), int(index[b - 1]) + 1) for a, b in zip(starts, stops, strict=True)]
+    return [rows for rows in np.split(index, breaks) if rows.size]
 
 
 _COUNTED = ("repeated", "masked", "gaps", "short_pieces", "short_rows")
 """What of a trace is treated otherwise than used as it is: rows or pieces, as `FileNotes` names them."""
-
-
-@dataclass(frozen=True, eq=False)
-class Split:
-    """Pieces of one trace, and how many rows or pieces were treated how.
-
-    Attributes:
-        pieces: stamps (n,) and channels (n, m) of each.
-        samples: rows with stamps of their own.
-        counts: by name, as in `FileNotes`.
-        unwrapped: columns that jumped by full turns.
-    """
-
-    pieces: tuple[tuple[Floats, Floats], ...]
-    samples: int
-    counts: Mapping[str, int]
-    unwrapped: tuple[int, ...] = ()
 
 
 def split(
@@ -393,8 +356,10 @@ def split(
     masks: Sequence[Mask],
     gap_s: float | None,
     window_s: float,
-) -> Split:
-    """The pieces of a trace that are at least a window long.
+) -> tuple[list[tuple[Floats, Floats]], tuple[int, ...], set[int]]:
+    """The pieces of a trace that are at least a window long, stamps (n,) and channels (n, m) of each.
+
+    Also how many rows or pieces were treated as in `_COUNTED`, and which columns jumped by full turns.
 
     Args:
         t: (n,) stamps in s, not decreasing.
@@ -405,31 +370,27 @@ def split(
         window_s: shortest piece (s).
     """
     if not np.any(np.diff(t) > 0.0):
-        return Split((), min(t.size, 1), dict(zip(_COUNTED, (0, 0, 0, 1, int(t.size)), strict=True)))
+        return [], (0, 0, 0, 1, t.size), set()
     block, unwrapped = _unwrapped(t, block, turns)  # before repeats are averaged: a mean across a wrap is neither side
-    t, block, repeated = merge_repeats(t, block)
+    rows = t.size
+    t, first, alike = np.unique(t, return_index=True, return_counts=True)
+    block = np.add.reduceat(block, first, axis=0) / alike[:, None]  # one row for each stamp, the mean of those it has
     inside = kept(t, masks)
     steps = np.diff(t)
     limit = 5.0 * float(np.quantile(steps, 0.95)) if gap_s is None else gap_s
-    out, short = [], []
-    for piece in pieces(t, inside, limit):
-        long = t[piece.stop - 1] - t[piece.start] >= window_s * (1 - 1e-9) and piece.stop - piece.start >= MIN_SAMPLES
-        if long:
-            out.append((t[piece], block[piece]))
-        else:
-            short.append(piece.stop - piece.start)
+    every = pieces(t, inside, limit)
+    long = [p for p in every if t[p[-1]] - t[p[0]] >= window_s * (1 - 1e-9) and len(p) >= MIN_SAMPLES]
     masked, gaps = (int(np.count_nonzero(x)) for x in (~inside, (steps > limit) & inside[1:] & inside[:-1]))
-    counts = dict(zip(_COUNTED, (repeated, masked, gaps, len(short), sum(short)), strict=True))
-    return Split(tuple(out), int(t.size), counts, unwrapped)
+    short_rows = t.size - masked - sum(map(len, long))
+    counts = (rows - t.size, masked, gaps, len(every) - len(long), short_rows)
+    return [(t[p], block[p]) for p in long], counts, unwrapped
 
 
-def _unwrapped(
-    t: Floats, block: Floats, turns: Mapping[int, tuple[float, bool | None]]
-) -> tuple[Floats, tuple[int, ...]]:
+def _unwrapped(t: Floats, block: Floats, turns: Mapping[int, tuple[float, bool | None]]) -> tuple[Floats, set[int]]:
     steps = np.diff(t)
     typical = float(np.median(steps[steps > 0.0]))
-    straight, changed = block.copy(), []
+    straight, changed = block.copy(), set()
     for j, (turn, wrapped) in turns.items():
         straight[:, j], jumped = unwrap(block[:, j], steps, typical, turn, wrapped)
-        changed += [j] * jumped
-    return straight, tuple(changed)
+        changed |= {j} if jumped else set()
+    return straight, changed

@@ -102,16 +102,13 @@ def _compiled(
 def parts_of(model: SymbolicModel, record: Record, settings: DiagnosisSettings) -> tuple[Parts, tuple[str, ...]]:
     """The folds as problems with the first tier of effects, and what is to be said of them."""
     compiled = _compiled(model, record.measured, settings)
-    readings = worth(record)
-    sigma = readings.sigma
-    for k, name in enumerate(record.measured):
-        sigma[k] = settings.noise.get(name, sigma[k])
+    readings = worth(record, settings.noise)
     ahead = needed_ahead(record, settings.window_s, settings.horizon_s)
     traces, share = settings.held_out_traces, settings.held_out_share
     windows, folds, length = cut_in_folds(record, settings.window_s, traces, share, ahead)
     said = (_SHORT.format(length, settings.window_s),) if length < settings.window_s else ()
     cut = length
-    every = build_problem(compiled, record, windows, sigma, readings.weight)
+    every = build_problem(compiled, record, windows, readings.sigma, readings.weight)
     while runs_away(every) and windows.samples > 4 * MIN_SAMPLES * len(windows):
         windows, folds, length = cut_in_folds(record, length / 2, traces, share, ahead)
         every = every.on(windows)

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-
-import numpy as np
 
 from simgap.arrays import Floats
 from simgap.diagnosis.record.faults.measurement import effect_or_fault, is_fault
@@ -24,18 +22,17 @@ from simgap.diagnosis.result import (
     WindowPrediction,
 )
 from simgap.diagnosis.search.confidence import chi2_dof, interval
-from simgap.diagnosis.search.equivalence import Rival
-from simgap.diagnosis.search.explanations import Explanation, Search, doubted, sound
+from simgap.diagnosis.search.equivalence import EXACTLY_COLLINEAR, Rival, collinear_pairs
+from simgap.diagnosis.search.explanations import Explanation, Search, sound
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import with_values
-from simgap.diagnosis.simulation.supermodel import Candidate
+from simgap.diagnosis.simulation.supermodel import Candidate, SuperModel
 from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, FIT_QUALITY, MATTERS, NARROW
-from simgap.diagnosis.verdict.held_out import HeldOut, ahead_alone, excess_share
+from simgap.diagnosis.verdict.held_out import HeldOut, excess_share, judge
 from simgap.diagnosis.verdict.sets import errors_of
 from simgap.effects import EFFECTS, AppliedEffect
 from simgap.effects.sensors import LINEAR, is_linear
-from simgap.model.symbolic import SymbolicModel
 from simgap.notation import joined
 
 _ANY_EXCITATION = "a different excitation: other frequencies, amplitudes and positions"
@@ -59,14 +56,14 @@ def whole_set(found: Explanation) -> tuple[AppliedEffect, ...]:
 
 
 def found_effects(
-    search: Search, found: Explanation, rivals: Sequence[Rival], at_floor: bool, model: SymbolicModel
+    search: Search, found: Explanation, rivals: Sequence[Rival], at_floor: bool
 ) -> tuple[FoundEffect, ...]:
     """What was chosen, faults of the recording included, with intervals and what could stand in its place."""
     errors, dof = errors_of(search, found, at_floor)
     by_slot = dict(zip(found.fit.slots, errors.tolist(), strict=True))
     effects = []
     for c in found.members:
-        units, values = c.effect.units(model, c.on), parameter_values(c, found.fit)
+        units, values = c.effect.units(search.problem.model.model, c.on), parameter_values(c, found.fit)
         estimates = {}
         for p, k in zip(c.effect.parameters, c.slots, strict=True):
             ends = p.widened(interval(values[p.symbol], by_slot.get(k, 0.0), dof))
@@ -112,13 +109,13 @@ def candidate_scores(search: Search, empty: Explanation, barred: Mapping[Key, st
     return tuple(sorted(rows, key=lambda r: -max(r.bic_gain or -math.inf, 0.0) - 1e-3 * r.chi2_drop))
 
 
-def collinear_table(pairs: Sequence[tuple[Key, Key, float]], exact: float) -> tuple[Collinear, ...]:
-    """Pairs with what would separate them."""
+def collinear_table(search: Search, empty: Explanation) -> tuple[Collinear, ...]:
+    """Pairs that the declared model can hardly tell apart, with what would separate them."""
     rows = []
-    for a, b, correlation in pairs:
+    for a, b, correlation in collinear_pairs(search, empty):
         known, other = effect_or_fault(a[0]).excitation, effect_or_fault(b[0]).excitation
         advice = known if known and known == other else _ANY_EXCITATION
-        if correlation > exact:
+        if correlation > EXACTLY_COLLINEAR:
             advice = "to first order no motion separates them: measure one directly"
         rows.append(Collinear(a, b, correlation, advice))
     return tuple(rows)
@@ -126,20 +123,16 @@ def collinear_table(pairs: Sequence[tuple[Key, Key, float]], exact: float) -> tu
 
 def predictions(
     problem: Problem, names: Sequence[str], before: tuple[Fit, Floats], after: tuple[Fit, Floats], held_out: bool
-) -> list[WindowPrediction]:
+) -> Iterator[WindowPrediction]:
     """Measured, before and after on evenly picked windows; each model comes with its initial states (w, nx)."""
     most = max(_MOST_WINDOWS, _MOST_SAMPLES * len(problem.windows) // max(problem.windows.samples, 1))
-    few = np.unique(np.linspace(0, len(problem.windows) - 1, most).astype(int))
-    part = problem.on(problem.windows.pick(few))
+    part, few = problem.some(most)
     old = part.predict(before[0].theta, before[1][few])
     new, states = part.predict(after[0].theta, after[1][few]), part.states(after[0].theta, after[1][few])
-    out = []
-    for w, (a, b) in enumerate(itertools.pairwise(part.rows.tolist())):
-        s = slice(int(part.windows.start[w]), int(part.windows.stop[w]))
-        name = names[int(part.windows.trace[w])]
+    for (start, stop, _, trace), (a, b) in zip(part.windows, itertools.pairwise(part.rows.tolist()), strict=True):
+        s = slice(start, stop)
         own = (problem.t[s], problem.y[s], old[a:b], new[a:b], states[a:b], problem.u[s])
-        out.append(WindowPrediction(name, held_out, *own, problem.used[s]))
-    return out
+        yield WindowPrediction(names[trace], held_out, *own, problem.used[s])
 
 
 def steps(search: Search, empty: Explanation, answer: Explanation) -> tuple[Step, ...]:
@@ -154,8 +147,7 @@ def steps(search: Search, empty: Explanation, answer: Explanation) -> tuple[Step
         best = min(own, key=lambda key: own[key].fit.chi2, default=None)
         tried = _tried(search, here) | own
         if tried and (best is not None or not left):
-            ordered: Sequence[Key] = sorted(tried, key=lambda key: (key != best, tried[key].fit.chi2))
-            at = ((key, tried[key]) for key in ordered)
+            at = sorted(tried.items(), key=lambda option: (option[0] != best, option[1].fit.chi2))
             options = (Option(*key, chi2_dof(search.problem, e.fit), here.bic - e.bic, key == best) for key, e in at)
             out.append(Step(chi2_dof(search.problem, here.fit), tuple(options)))
         if best is None:
@@ -191,7 +183,7 @@ def _tried(search: Search, here: Explanation) -> dict[Key, Explanation]:
 
 
 def second_look(
-    search: Search, found: Explanation, confirm: Problem, left: HeldOut, horizon_s: float, model: SymbolicModel
+    search: Search, found: Explanation, confirm: Problem, left: HeldOut, horizon_s: float
 ) -> tuple[LeftOver, ...] | None:
     """Effects beside the chosen ones that lower what is left by `MATTERS` at least, the largest share first.
 
@@ -206,61 +198,57 @@ def second_look(
         (added,) = (c.key for c in e.members if c.key not in found.keys)
         if is_fault(added[0]):
             continue
-        share = 1.0 - excess_share(left, ahead_alone(confirm, e.fit.theta, horizon_s, left), confirm.sigma)
+        share = 1.0 - excess_share(left, judge(confirm, e.fit.theta, horizon_s), confirm.sigma)
         if share >= MATTERS:
-            told = found_effects(search, e, (), False, model)
+            told = found_effects(search, e, (), False)
             said += [LeftOver(f, share) for f in told if (f.name, f.on) == added]
     return tuple(sorted(said, key=lambda s: -s.share))
 
 
-def restatements(model: SymbolicModel, found: Sequence[AppliedEffect], measured: Sequence[str]) -> list[Alternative]:
+def restatements(model: SuperModel, found: Sequence[AppliedEffect]) -> Iterator[Alternative]:
     """Sets in which one effect of the library stands for some of those found, exactly."""
-    out = []
     for e in EFFECTS.values():
-        for on in e.targets(model):
-            same = e.restates(model, on, found, measured)
+        for on in e.targets(model.model):
+            same = e.restates(model.model, on, found, model.measured)
             if same is not None:
                 kept = tuple(a for k, a in enumerate(found) if k not in same[0])
-                whole = (*kept, AppliedEffect(e.name, on, same[1]))
-                out.append(Alternative(whole, 0.0, True))
-    return out + _by_the_sensors(model, found, measured)
+                yield Alternative((*kept, AppliedEffect(e.name, on, same[1])), 0.0, True)
+    if len(model.model.inputs) == 1:
+        yield from _by_the_sensors(model, found)
 
 
-def _by_the_sensors(model: SymbolicModel, found: Sequence[AppliedEffect], measured: Sequence[str]) -> list[Alternative]:
+def _by_the_sensors(model: SuperModel, found: Sequence[AppliedEffect]) -> Iterator[Alternative]:
     """Readings that are all as late as the only input was found to act; or a sensor that is as slow, of a linear plant.
 
     Whether a command or a reading is under way for so long, no record of these channels tells; in a closed loop both
     act alike.
     """
-    if len(model.inputs) != 1:
-        return []
-    out = []
+    plant, measured = model.model, model.measured
     for a in found:
         kept = tuple(b for b in found if b is not a)
-        late: tuple[AppliedEffect, ...] = ()
-        if a.name == "input_delay" and not any(b.name == "late_reading" for b in kept):
-            late = tuple(AppliedEffect("late_reading", on, {"late": a.values["delay"]}) for on in measured)
-        elif a.name == "input_lag" and len(measured) == 1 and {b.name for b in kept} <= LINEAR and is_linear(model):
-            late = (AppliedEffect("filtered_reading", measured[0], {"lag": a.values["T"]}),)
-        if late:
-            out.append(Alternative((*kept, *late), 0.0, True))
-    return out
+        names = {b.name for b in kept}
+        if a.name == "input_delay" and "late_reading" not in names:
+            late = [AppliedEffect("late_reading", on, {"late": a.values["delay"]}) for on in measured]
+        elif a.name == "input_lag" and len(measured) == 1 and names <= LINEAR and is_linear(plant):
+            late = [AppliedEffect("filtered_reading", measured[0], {"lag": a.values["T"]})]
+        else:
+            continue
+        yield Alternative((*kept, *late), 0.0, True)
 
 
 def with_restatements(
-    effects: Sequence[FoundEffect], alternatives: Sequence[Alternative], model: SymbolicModel,
-    found: Sequence[AppliedEffect], measured: Sequence[str],
-) -> tuple[tuple[FoundEffect, ...], tuple[Alternative, ...]]:  # fmt: skip
+    effects: Sequence[FoundEffect], alternatives: Sequence[Alternative], model: SuperModel, kept: Explanation
+) -> tuple[tuple[FoundEffect, ...], tuple[Alternative, ...]]:
     """The effects and the alternatives with what restates them or an equal of theirs, the smallest of nested ones."""
 
     def keys(whole: Sequence[AppliedEffect]) -> frozenset[Key]:
         return frozenset((a.name, a.on) for a in whole)
 
-    listed, changed = list(alternatives), list(effects)
+    listed, changed, found = list(alternatives), list(effects), applied(kept)
     known = {keys(found), *(keys(other.effects) for other in alternatives)}
     exact = [other.effects for other in alternatives if other.exact]
     equals = (found, *(own for own in exact if not any(is_fault(a.name) for a in own)))
-    for other in sorted((o for e in equals for o in restatements(model, e, measured)), key=lambda o: len(o.effects)):
+    for other in sorted((o for e in equals for o in restatements(model, e)), key=lambda o: len(o.effects)):
         mine = keys(other.effects)
         if not any(whole <= mine for whole in known):
             known.add(mine)
@@ -270,16 +258,6 @@ def with_restatements(
                 e if (e.name, e.on) in mine else replace(e, alternatives=(*e.alternatives, new)) for e in changed
             ]
     return tuple(changed), tuple(listed)
-
-
-def doubts(others: Sequence[Rival], found: Explanation, problem: Problem, kept: Explanation) -> tuple[str, ...]:
-    """What is to be said against an answer.
-
-    Args:
-        others, found: what explains the data as well, and the answer, as the search compared them.
-        problem, kept: everything that was fitted in the end, and the answer fitted to it.
-    """
-    return (*contested(others, found), *doubted(problem, kept))
 
 
 def contested(others: Sequence[Rival], found: Explanation) -> tuple[str, ...]:

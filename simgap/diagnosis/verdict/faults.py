@@ -9,7 +9,7 @@ clearly go further.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -27,19 +27,15 @@ from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import state_columns, state_steps
 from simgap.diagnosis.thresholds import BRIEF_S, FAR, SEVERAL
-from simgap.notation import from_to, joined
+from simgap.notation import capitalised, few, from_to, joined
 
 _SPAN = 0.25 * BRIEF_S  # s over which a rate is taken
 
 
 def gross_spans(known: Problem, at: Fit) -> tuple[Span, ...]:
     """Times of fitted windows in which gross errors follow one another: a push, a contact, a lost signal."""
-    if known.usual is None:
-        return ()
     gross = are_gross(known.residuals(at.theta, at.x0), known.spread).any(axis=1)
     t, trace = known.t[known.samples][gross], np.repeat(known.windows.trace, np.diff(known.rows))[gross]
-    order = np.lexsort((t, trace))
-    t, trace = t[order], trace[order]
     breaks = np.flatnonzero((np.diff(trace) != 0) | (np.diff(t) > 0.5 * known.brief)) + 1
     groups = zip(np.split(trace, breaks), np.split(t, breaks), strict=True)
     return tuple((int(own[0]), float(at[0]), float(at[-1])) for own, at in groups if len(at) >= SEVERAL)
@@ -49,13 +45,12 @@ def push_faults(spans: Sequence[Span], known: Problem, names: Sequence[str]) -> 
     """What weighed nothing in a fit to the known windows, in words."""
     if not spans:
         return ()
-    first, last = known.t[known.firsts], known.t[np.append(known.firsts[1:], len(known.t)) - 1]
+    first, last = known.t[known.firsts], known.t[known.edges[1:] - 1]
     spans = [(k, max(a, float(first[k])), min(b, float(last[k]))) for k, a, b in spans]
     places, lasts = [f"{from_to(a, b)} of {names[k]}" for k, a, b in spans], sum(b - a for _, a, b in spans)
     kept = float(np.sum(known.t[known.windows.stop - 1] - known.t[known.windows.start]))
-    where = joined(places if len(places) <= 3 else [*places[:3], f"{len(places) - 3} more"])
     sentence = (
-        f"{where[0].upper()}{where[1:]} (a push?): {100 * lasts / (lasts + kept):.2g} % of the fitted time has no "
+        f"{capitalised(joined(few(places)))} (a push?): {100 * lasts / (lasts + kept):.2g} % of the fitted time has no "
         "weight: it stands out, and no effect that was tried explains it."
     )
     return (Push().told("", lasts, sentence),)
@@ -83,10 +78,10 @@ def faint_memory(problem: Problem, at: Fit) -> tuple[str, ...]:
     return tuple(names[k] for k in memory_left(problem, at) if np.mean(problem.weight[:, k]) > OWN)
 
 
-def noise_faults(problem: Problem) -> list[RecordingFault]:
+def noise_faults(problem: Problem) -> Iterable[RecordingFault]:
     """What is to be said of a noise that remembers."""
     if problem.colour is None:
-        return []
+        return ()
     lasts = float(problem.t[problem.windows.stop[0] - 1] - problem.t[problem.windows.start[0]])
     shared, tau = (map(float, each) for each in (problem.colour.shared, problem.colour.tau))
     return ColouredNoise().of(zip(problem.model.measured, shared, tau, strict=True), lasts)

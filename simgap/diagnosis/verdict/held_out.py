@@ -5,6 +5,7 @@ E(h) is the causal error h ahead, F(h) what a perfect model would show with this
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -66,33 +67,21 @@ def judge(held: Problem, theta: Floats, horizon_s: float) -> HeldOut:
     loss = limited(plain, noise)
     count, chi2 = held.size, float(np.sum(loss**2))
     unbiased = math.sqrt(max(1.0 - held.taken / count, 0.1))  # the initial states took some degrees of freedom
-    rmse = np.sqrt(np.sum(held.misses(theta, at.x0) ** 2, axis=0) / held.compared) * held.sigma / unbiased
+    misses = held.misses(theta, at.x0)
+    rmse = np.sqrt(np.sum(misses**2, axis=0) / held.compared) * held.sigma / unbiased
     ratio = math.sqrt(float(np.sum(plain**2)) / count) / unbiased
     free = max(round(count - held.taken), 1)
     ahead = horizon_error(held, theta, horizon_s)
-    errors = _misses(held, theta, at) if ahead is None else _blocks(held, ahead)
+    by_window = Errors(misses[:, held.heard > 0.0], np.repeat(np.arange(len(held.windows)), np.diff(held.rows)))
+    errors = by_window if ahead is None else _blocks(held, ahead)
     return HeldOut(at.x0, rmse, ratio, chi2, free, held.heard, ahead, errors, int(np.sum(are_gross(loss, noise))))
-
-
-def ahead_alone(held: Problem, theta: Floats, horizon_s: float, like: HeldOut) -> HeldOut:
-    """What `judge` says of errors ahead, the rest `like` another's; all of it where no stretch is long enough."""
-    ahead = horizon_error(replace(held, usual=None), theta, horizon_s)
-    return judge(held, theta, 0.0) if ahead is None else replace(like, horizon=ahead)
 
 
 def errors_ahead(held: Problem, theta: Floats, horizon_s: float) -> Errors:
     """What `judge` scores a model by, and nothing else."""
     held = replace(held, usual=None)
     ahead = horizon_error(held, theta, horizon_s)
-    if ahead is not None:
-        return _blocks(held, ahead)
-    return _misses(held, theta, fit(held, theta, initial_states(held), [], {}))
-
-
-def _misses(held: Problem, theta: Floats, at: Fit) -> Errors:
-    """The misses, window by window."""
-    misses = held.misses(theta, at.x0)[:, held.heard > 0.0]
-    return Errors(misses, np.repeat(np.arange(len(held.windows)), np.diff(held.rows)))
+    return judge(held, theta, 0.0).errors if ahead is None else _blocks(held, ahead)
 
 
 def _blocks(held: Problem, ahead: HorizonError) -> Errors:
@@ -107,10 +96,19 @@ def _blocks(held: Problem, ahead: HorizonError) -> Errors:
 
 def judged(problem: Problem, at: Fit, held: HeldOut, horizon_s: float) -> Judged:
     """The figures of one model as they are reported."""
-    names = problem.model.measured
-    horizon = {} if held.horizon is None else dict(zip(names, map(float, held.horizon.rmse), strict=True))
-    rmse = dict(zip(names, map(float, held.rmse), strict=True))
-    return Judged(rmse, horizon_s, horizon, chi2_dof(problem, at), held.ratio)
+    ahead = {} if held.horizon is None else by_channel(problem, held.horizon.rmse)
+    return Judged(by_channel(problem, held.rmse), horizon_s, ahead, chi2_dof(problem, at), held.ratio)
+
+
+def noise_floor(held: Problem, seen: HeldOut, horizon_s: float) -> Judged:
+    """The figures of a perfect model with this noise; `seen`: the error of the model whose prediction it is."""
+    ahead = {} if seen.horizon is None else by_channel(held, seen.horizon.floor)
+    return Judged(by_channel(held, held.sigma), horizon_s, ahead, 1.0, 1.0)
+
+
+def by_channel(problem: Problem, values: Floats) -> dict[str, float]:
+    """Numbers (k,) of the measured channels, by name."""
+    return dict(zip(problem.model.measured, values.tolist(), strict=True))
 
 
 def excess_share(before: HeldOut, after: HeldOut, sigma: Floats) -> float:
@@ -165,10 +163,9 @@ def horizon_error(problem: Problem, theta: Floats, horizon: float) -> HorizonErr
     """
     if horizon <= 0.0:
         return None
-    base, middle, end = _instants(problem, horizon)
+    base, middle, end, first = _instants(problem, horizon)
     if not len(base):
         return None
-    first = problem.firsts[np.searchsorted(problem.firsts, base, side="right") - 1]
     at = problem.on(Windows(base, middle, first, np.zeros_like(base)))
     start = fit(at, theta, initial_states(at), [], {}).x0
     whole = problem.on(Windows(base, end, first, at.windows.trace))
@@ -181,15 +178,15 @@ def look_back(problem: Problem) -> float:
     return max(problem.brief, LOOK_BACK_SAMPLES * problem.spacing)
 
 
-def _instants(problem: Problem, horizon: float) -> tuple[Ints, Ints, Ints]:
-    """Look-back from, instant (exclusive end of the look-back), and end (exclusive) in samples.
+def _instants(problem: Problem, horizon: float) -> Ints:
+    """Look-back from, instant (exclusive end of the look-back), end (exclusive) and first of the trace, samples (4, n).
 
     A prediction ends at a sample at which every channel is a measurement: what is none would count as no error.
     """
-    rows: list[tuple[int, int, int]] = []
+    rows: list[tuple[int, int, int, int]] = []
     t, back = problem.t, look_back(problem)
     read = np.flatnonzero(np.all((problem.used > 0.0) | (problem.heard == 0.0), axis=1))
-    for a, b, *_ in merged(problem.windows):
+    for a, b, first, _ in merged(problem.windows):
         k = a
         while True:
             middle = max(int(np.searchsorted(t[a:b], t[k] + back)) + a, k + LOOK_BACK_SAMPLES)
@@ -201,27 +198,25 @@ def _instants(problem: Problem, horizon: float) -> tuple[Ints, Ints, Ints]:
                 break
             known = read[np.searchsorted(read, end) :][:1]
             if known.size and known[0] < b and t[known[0]] <= aim + _LATER * horizon:
-                rows.append((k, middle, int(known[0]) + 1))
+                rows.append((k, middle, int(known[0]) + 1, first))
             k = max(int(np.searchsorted(t[a:b], t[k] + 0.25 * max(horizon, back))) + a, k + 1)
-    table = np.array(rows, dtype=np.int64).reshape(-1, 3)
-    return table[:, 0].copy(), table[:, 1].copy(), table[:, 2].copy()
+    return np.ascontiguousarray(np.array(rows, dtype=np.int64).reshape(-1, 4).T)
 
 
 def _floor(at: Problem, whole: Problem, theta: Floats, start: Floats) -> Floats:
     """F(h) from the covariance of the look-back's state estimate, carried to the end."""
-    steps, k = state_steps(start), at.y.shape[1]
-    back = np.empty((int(at.rows[-1]), k, start.shape[1]))
-    ahead = np.empty((len(start), k, start.shape[1]))
-    for i, step in enumerate(steps):
-        shift = np.zeros(start.shape[1])
-        shift[i] = step
-        back[:, :, i] = (at.residuals(theta, start - shift) - at.residuals(theta, start + shift)) / (2 * step)
-        low, high = whole.misses(theta, start - shift), whole.misses(theta, start + shift)
-        ahead[:, :, i] = ((low - high) / (2 * step))[whole.rows[1:] - 1]
-    variance = np.ones((len(start), k))
-    for w in range(len(start)):
-        a = back[at.rows[w] : at.rows[w + 1]].reshape(-1, start.shape[1])
-        covariance = np.linalg.pinv(a.T @ a, rcond=1e-12)
+    steps = state_steps(start)
+
+    def moved(missed: Callable[[Floats, Floats], Floats]) -> Floats:
+        """What each number of the states at the start does to the predictions, (rows, k, nx)."""
+        ends = [missed(theta, start - shift) - missed(theta, start + shift) for shift in np.diag(steps)]
+        return np.stack(ends, axis=2) / (2 * steps)
+
+    back, ahead = moved(at.residuals), moved(whole.misses)[whole.rows[1:] - 1]
+    variance = np.ones(ahead.shape[:2])
+    for w, (a, b) in enumerate(itertools.pairwise(at.rows)):
+        own = back[a:b].reshape(-1, len(steps))
+        covariance = np.linalg.pinv(own.T @ own, rcond=1e-12)
         variance[w] += np.einsum("ki,ij,kj->k", ahead[w], covariance, ahead[w])
     return np.asarray(np.sqrt(np.mean(variance, axis=0)) * at.sigma)
 
@@ -251,7 +246,8 @@ def concentrated(confirm: Problem, names: Sequence[str], old: HeldOut, new: Held
     if not all(r.any() for r in rest):
         return None
     was, now = (_excess(h, r, after.floor, confirm.sigma) for h, r in zip((before, after), rest, strict=True))
-    share, medians = math.sqrt(now / was) if was > 0.0 else 1.0, (_median(before, confirm), _median(after, confirm))
+    share = math.sqrt(now / was) if was > 0.0 else 1.0
+    medians = (by_channel(confirm, np.median(np.abs(h.error), axis=0)) for h in (before, after))
     return Concentrated(_places(confirm, names, after, worst[1]), float(carried[count - 1]), share, *medians)
 
 
@@ -264,10 +260,6 @@ def _touched(h: HorizonError, bad: Bools) -> Bools:
 def _excess(h: HorizonError, which: Bools, floor: Floats, sigma: Floats) -> float:
     """Mean square above the floor, of some of the predictions, in units of the noise."""
     return float(np.mean(np.maximum(np.mean(h.error[which] ** 2, axis=0) - floor**2, 0.0) / sigma**2))
-
-
-def _median(h: HorizonError, confirm: Problem) -> dict[str, float]:
-    return dict(zip(confirm.model.measured, map(float, np.median(np.abs(h.error), axis=0)), strict=True))
 
 
 def _places(confirm: Problem, names: Sequence[str], after: HorizonError, bad: Bools) -> Stretches:

@@ -8,7 +8,7 @@ from typing import Any
 from simgap.diagnosis.record.faults.measurement import FITTED, effect_or_fault
 from simgap.effects import EFFECTS
 from simgap.effects.base import Quoted
-from simgap.notation import from_to, joined, pretty_unit
+from simgap.notation import capitalised, few, from_to, joined, percent, pretty_unit
 
 Document = Mapping[str, Any]
 
@@ -53,9 +53,9 @@ def _answer(document: Document) -> list[str]:
         return _unexplained(document)
     found = joined([describe(e) for e in effects])
     verb = "explains" if len(effects) == 1 else "together explain"
-    named = f"Provisionally, {found}" if document.get("stopped") else _begun(found)
+    named = f"Provisionally, {found}" if document.get("stopped") else capitalised(found)
     text = f"{named} {verb} {explained(document)}."
-    doubts = [f"{_begun(_doubt(e))}." for e in effects if e.get("alternatives")]
+    doubts = [f"{capitalised(_doubt(e))}." for e in effects if e.get("alternatives")]
     return [text, *doubts, _remainder(document) if verdict == "partial" else ""]
 
 
@@ -63,8 +63,8 @@ def explained(document: Document) -> str:
     """How much: off the noise floor, of the error ahead on data that it was not fitted to, else of what is above it."""
     told, ahead = document.get("explained_error"), _ahead(document["error"]["after"])
     if told is None:
-        return f"{100 * min(max(float(document['explained_share']), 0.0), 1.0):.0f} % of the excess error{ahead}"
-    low, high = (f"{100 * min(max(end, 0.0), 1.0):.0f}" for end in told["ci95"])
+        return f"{percent(float(document['explained_share']))} % of the excess error{ahead}"
+    low, high = map(percent, told["ci95"])
     share = f"{100 * told['share']:.0f} % (95 % interval {low} to {high})"
     return f"{share} of the error{ahead}"
 
@@ -76,20 +76,14 @@ def _ahead(error: Mapping[str, Any]) -> str:
     return " within the windows" if error["horizon_s"] else ""
 
 
-def _begun(text: str) -> str:
-    """A phrase at the beginning of a sentence."""
-    return f"{text[0].upper()}{text[1:]}"
-
-
 def _where(c: Mapping[str, Any] | None) -> str:
     """The places that carry most of the error, and what the answer is worth without them."""
     if c is None:
         return ""
     spans = [f"{from_to(s['from'], s['to'])} of {s['trace']}" for s in c["stretches"]]
-    where = joined(spans if len(spans) <= 3 else [*spans[:3], f"{len(spans) - 3} more"])
-    share = min(max(c["explained_share_without"], 0.0), 1.0)
-    without = f"; without them the effects explain {100 * share:.0f} %" if share > 0.0 else ""
-    return f"{100 * c['error_share']:.0f} % of what is left lies at {where} (a push?){without}."
+    share = c["explained_share_without"]
+    without = f"; without them the effects explain {percent(share)} %" if share > 0.0 else ""
+    return f"{100 * c['error_share']:.0f} % of what is left lies at {joined(few(spans))} (a push?){without}."
 
 
 def _doubt(effect: Mapping[str, Any]) -> str:

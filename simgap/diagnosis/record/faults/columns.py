@@ -20,6 +20,8 @@ from simgap.diagnosis.result import FoundEffect, RecordingFault
 from simgap.diagnosis.thresholds import MATTERS, MOST, WITHIN
 from simgap.model.symbolic import SymbolicModel
 
+_REACH_S = 0.1  # by how much a velocity is shifted at most, s
+
 
 @dataclass(frozen=True)
 class VelocityLag:
@@ -49,8 +51,8 @@ class VelocityLag:
         return MOST <= self.scale <= 1.0 / MOST
 
 
-def velocity_lag(record: Record, position: str, velocity: str, reach_s: float = 0.1) -> VelocityLag | None:
-    """Lag and scale between two channels, by least squares over shifts up to `reach_s`; None where nothing moves.
+def velocity_lag(record: Record, position: str, velocity: str) -> VelocityLag | None:
+    """Lag and scale between two channels, by least squares over shifts up to `_REACH_S`; None where nothing moves.
 
     Both sides are averaged over the same +-m samples, so that noise is tamed and no phase is added: the mean of v over
     [t - m dt, t + m dt] is compared with (q(t + m dt) - q(t - m dt)) / (2 m dt). Source: difference quotient and
@@ -58,7 +60,7 @@ def velocity_lag(record: Record, position: str, velocity: str, reach_s: float = 
     """
     j, k = record.measured.index(position), record.measured.index(velocity)
     dt = record.interval
-    m, reach = max(1, round(0.01 / dt)), max(2, round(reach_s / dt))
+    m, reach = max(1, round(0.01 / dt)), max(2, round(_REACH_S / dt))
     sums = np.zeros((2 * reach + 1, 3))  # for each shift: v.d, d.d, v.v
     for trace in record.traces:
         sums += _shifted_products(trace, j, k, dt, m, reach)
@@ -143,15 +145,15 @@ class WrongSign(Fault):
         """The finding of a column that was turned."""
         return self.told(name, -1.0, f"The column of {name} has the wrong sign; it was reversed.")
 
-    def in_gain(self, found: FoundEffect) -> list[RecordingFault]:
+    def in_gain(self, found: FoundEffect) -> Iterator[RecordingFault]:
         """The finding behind an input's gain."""
-        if found.name != "input_gain" or found.parameters["ratio"].ci95[1] >= 0.0:
-            return []
+        if found.parameters["ratio"].ci95[1] >= 0.0:
+            return
         sentence = f"{found.on} is reversed: its column, its wiring or its motor has the wrong sign."
         remedy = (
             "If the column is wrong, give measured.columns.{}.scale: -1; otherwise swap the wires or change the case."
         )
-        return [self.told(found.on, -1.0, sentence, remedy)]
+        yield self.told(found.on, -1.0, sentence, remedy)
 
 
 class WrongUnit(Fault):
@@ -180,17 +182,15 @@ class WrongUnit(Fault):
         remedy = f"Give the column's unit (or scale: {factor:.6g}) under measured.columns.{first}."
         return self.told(name, factor, sentence, remedy)
 
-    def in_gain(self, found: FoundEffect) -> list[RecordingFault]:
+    def in_gain(self, found: FoundEffect) -> Iterator[RecordingFault]:
         """The findings behind an input's gain."""
-        out = []
-        for words, factor in self.ratios.items() if found.name == "input_gain" else ():
-            ratio = found.parameters["ratio"]
-            lo, hi = sorted((abs(ratio.ci95[0]), abs(ratio.ci95[1])))
+        ratio = found.parameters["ratio"]
+        lo, hi = sorted(map(abs, ratio.ci95))
+        for words, factor in self.ratios.items():
             if lo <= factor * (1 + WITHIN) and hi >= factor * (1 - WITHIN) and hi < 1.2 * lo:
                 sentence = f"{found.on} acts {ratio.value:.4g} times as strongly as its column says: {words}?"
                 remedy = "If so, give its column's unit under measured.columns.{}."
-                out.append(self.told(found.on, ratio.value, sentence, remedy))
-        return out
+                yield self.told(found.on, ratio.value, sentence, remedy)
 
 
 class ConstantColumn(Fault):
@@ -207,7 +207,7 @@ class ConstantColumn(Fault):
 def velocity_lags(record: Record, model: SymbolicModel) -> Iterator[VelocityLag]:
     """Of every coordinate whose position and velocity are both measured, and which moves."""
     for c in model.coordinates:
-        if c.position in record.measured and c.velocity in record.measured:
+        if {c.position, c.velocity} <= {*record.measured}:
             lag = velocity_lag(record, c.position, c.velocity)
             if lag is not None:
                 yield lag

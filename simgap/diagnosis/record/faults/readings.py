@@ -16,7 +16,7 @@ import numpy as np
 
 from simgap.arrays import Bools, Floats, Ints
 from simgap.diagnosis.record.faults.base import Mended, SeenFault
-from simgap.diagnosis.record.noise import ORDER, difference_weights, noise_floor, resolution, white_noise
+from simgap.diagnosis.record.noise import ORDER, noise_floor, resolution, sixth_differences, white_noise
 from simgap.diagnosis.record.record import Record, Trace, runs
 from simgap.diagnosis.thresholds import (
     A_FEW,
@@ -112,9 +112,8 @@ class SaturatedReading(_LostReadings):
         low, high = min(float(y.min()) for y in columns), max(float(y.max()) for y in columns)
         usual, repeats = _turning(columns), 0.0
         if quantum > 0.0:
-            flicker = min(
-                white_noise(record, k, quantum), *(_scatter(trace.t, trace.y[:, k]) for trace in record.traces)
-            )
+            white = white_noise(record, k, quantum, float(noise_floor(record)[k]))
+            flicker = min(white, *(_scatter(trace.t, trace.y[:, k]) for trace in record.traces))
             repeats = math.erf(0.5 * quantum / max(math.sqrt(2.0) * flicker, 1e-300))
         out = [np.zeros(len(y), dtype=bool) for y in columns]
         for end in (low, high) if low < high else ():
@@ -185,24 +184,23 @@ class Overflow(SeenFault):
 
 def _range(record: Record, k: int, quantum: float) -> float:
     """By how much channel k overflows; 0 if it does not."""
-    scale = _usual(record.traces, k, quantum)
-    jumps = [_jumps(trace.y[:, k], scale) for trace in record.traces]
-    sizes = np.concatenate([np.abs(size) for _, size in jumps])
-    every = np.concatenate([trace.y[:, k] for trace in record.traces])
+    scale, columns = _usual(record.traces, k, quantum), [trace.y[:, k] for trace in record.traces]
+    jumps = [_jumps(y, scale) for y in columns]
+    sizes, every = np.concatenate([np.abs(size) for _, size in jumps]), np.concatenate(columns)
     low, high = float(every.min()), float(every.max())
     near = 0.1 * (high - low)  # what moves between two readings is seen at neither end
     if sizes.size < 2 or np.ptp(sizes) > near or float(np.median(sizes)) < high - low - near:
         return 0.0
     if np.mean((every > low + near) & (every < high - near)) < MOST:  # between two places a plant may step
         return 0.0
-    for trace, (at, _) in zip(record.traces, jumps, strict=True):
-        y = trace.y[:, k]
-        if any(min(y[i - 1], y[i]) > low + near or max(y[i - 1], y[i]) < high - near for i in at):
-            return 0.0
-    straight = [np.unwrap(trace.y[:, k], period=float(np.median(sizes))) for trace in record.traces]
+    ends = [np.sort([y[at - 1], y[at]], axis=0) for y, (at, _) in zip(columns, jumps, strict=True)]
+    if any(np.any((less > low + near) | (more < high - near)) for less, more in ends):
+        return 0.0
+    size = float(np.median(sizes))
+    straight = [np.unwrap(y, period=size) for y in columns]
     if any(len(_jumps(y, scale)[0]) for y in straight):  # what reads a number of its own out there is no counter
         return 0.0
-    return float(np.median(sizes))
+    return size
 
 
 class Spikes(_LostReadings):
@@ -319,8 +317,7 @@ def _scatter(t: Floats, y: Floats) -> float:
     if len(t) <= ORDER:
         return np.inf
     t, y = t[:_ENOUGH], y[:_ENOUGH]
-    differences = np.einsum("rj,rj->r", np.lib.stride_tricks.sliding_window_view(y, ORDER + 1), difference_weights(t))
-    return 1.4826 * float(np.median(np.abs(differences)))
+    return 1.4826 * float(np.median(np.abs(sixth_differences(t, y[:, None]))))
 
 
 def _catching_up(t: Floats, y: Floats, begins: Ints) -> Floats:
@@ -352,32 +349,25 @@ def _filled(trace: Trace) -> Trace:
     place = np.concatenate([[0], np.cumsum(count)])
     every = np.arange(int(place[-1]) + 1)
 
-    def between(column: Floats) -> Floats:
-        return np.interp(every, place, column)
-
-    y, u = (np.stack([between(c) for c in block.T], axis=1) if block.size else np.zeros((len(every), 0))
-            for block in (trace.y, trace.u))  # fmt: skip
-    used, told = np.zeros(y.shape, dtype=bool), np.ones(len(every), dtype=bool)
+    t, y, u = (np.empty((len(every), block.shape[1])) for block in (trace.t[:, None], trace.y, trace.u))
+    for column, known in zip((*t.T, *y.T, *u.T), (trace.t, *trace.y.T, *trace.u.T), strict=True):
+        column[:] = np.interp(every, place, known)
+    used = np.zeros(y.shape, dtype=bool)
     used[place] = trace.compared > 0.0
-    for missing in np.unique(count[count > 1]):
-        if _guessed(trace.u, int(missing)) > MATTERS:
-            for begin in place[:-1][count == missing]:
-                told[begin : begin + missing] = False
-    return Trace(trace.name, between(trace.t), y, u, used, None if told.all() else told)
+    unsure = [n for n in np.unique(count[count > 1]).tolist() if _guessed(trace.u, n) > MATTERS]
+    told = np.append(~np.repeat(np.isin(count, unsure), count), True)
+    return Trace(trace.name, t[:, 0], y, u, used, None if told.all() else told)
 
 
 def _guessed(u: Floats, apart: int) -> float:
     """How far a straight line across so many intervals misses what was commanded there, over its spread; the worst."""
-    worst = 0.0
-    for k in range(u.shape[1]):
-        spread = float(np.std(u[:, k]))
-        if spread > 0.0 and len(u) > apart:
-            ends = u[:-apart, k], u[apart:, k]
-            misses = [
-                ends[0] + (ends[1] - ends[0]) * (i / apart) - u[i : len(u) - apart + i, k] for i in range(1, apart)
-            ]
-            worst = max(worst, float(np.sqrt(np.mean(np.square(misses)))) / spread)
-    return worst
+    spread = np.std(u, axis=0)
+    if len(u) <= apart or not spread.any():
+        return 0.0
+    first, last = u[:-apart], u[apart:]
+    misses = [first + (last - first) * (i / apart) - u[i : len(first) + i] for i in range(1, apart)]
+    size = np.sqrt(np.mean(np.square(misses), axis=(0, 1)))
+    return float(np.max(size[spread > 0.0] / spread[spread > 0.0]))
 
 
 def bridged(trace: Trace, lost: Bools) -> Trace:

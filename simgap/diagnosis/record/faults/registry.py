@@ -5,7 +5,7 @@ Noise that remembers, and what happens outside the plant and its sensors, is fou
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from simgap.diagnosis.record.faults.base import Fault, Mended, SeenFault
@@ -28,22 +28,20 @@ class ColouredNoise(Fault):
     unit = "s"
     remedy = "Look for a filter, a slow sensor or an interpolation in the path of {}; log its raw readings."
 
-    def of(self, laws: Iterable[tuple[str, float, float]], window_s: float) -> list[RecordingFault]:
+    def of(self, laws: Iterable[tuple[str, float, float]], window_s: float) -> Iterator[RecordingFault]:
         """Findings of channels, each with the share of its variance that remembers, over how long (s).
 
         What is slower than a window is a zero that wanders.
         """
-        found = []
         for name, share, tau in laws:
             what = f"{100 * share:.0f} % of the noise of {name} (its variance)"
             if share > 0.0 and tau > window_s:
                 sentence = f"{what} wanders: a reading that drifts, slower than a window of {window_s:.2g} s."
                 remedy = "Warm the sensor up, or zero it at a stop between runs."
-                found.append(Drift().told(name, tau, sentence, remedy, unit="s"))
+                yield Drift().told(name, tau, sentence, remedy, unit="s")
             elif share > 0.0:
                 sentence = f"{what} is correlated over {1e3 * tau:.3g} ms"
-                found.append(self.told(name, tau, f"{sentence}; intervals and criteria count what is independent."))
-        return found
+                yield self.told(name, tau, f"{sentence}; intervals and criteria count what is independent.")
 
 
 class FaintMemory(Fault):
@@ -109,4 +107,5 @@ def fitted_faults(found: Iterable[FoundEffect]) -> list[RecordingFault]:
 
 def gain_faults(found: Iterable[FoundEffect]) -> list[RecordingFault]:
     """Gains that a wrong sign or unit of the input's column would make as well: a record cannot tell."""
-    return [f for e in found for f in (*WrongSign().in_gain(e), *WrongUnit().in_gain(e))]
+    gains = [e for e in found if e.name == "input_gain"]
+    return [f for e in gains for f in (*WrongSign().in_gain(e), *WrongUnit().in_gain(e))]
