@@ -252,14 +252,12 @@ class Problem:
         """The sum of some inputs as the plant feels it at each stamp, (n,)."""
         level, excess, delay, lag = self._drive(theta)
         total = np.zeros(len(self.t))
-        begin = np.repeat(self.firsts, np.diff(self.edges))
-        for c in inputs:
-            at = np.maximum(np.searchsorted(self.t, self.t - delay[c] + 1e-12, "right") - 1, begin)
-            if delay[c] == 0.0:
-                at = np.arange(len(self.t))
-            total += level[at, c]
+        for c, (a, b) in itertools.product(inputs, itertools.pairwise(self.edges.tolist())):
+            t = self.t[a:b]  # each trace has a clock of its own
+            at = np.maximum(np.searchsorted(t, t - delay[c] + 1e-12, "right") - 1, 0)
+            total[a:b] += level[a:b, c][at]
             if lag[c] > 0.0:
-                total += excess[at, c] * np.exp(-np.maximum(self.t - delay[c] - self.t[at], 0.0) / lag[c])
+                total[a:b] += excess[a:b, c][at] * np.exp(-np.maximum(t - delay[c] - t[at], 0.0) / lag[c])
         return total
 
     def predict(self, theta: Floats, x0: Floats) -> Floats:
