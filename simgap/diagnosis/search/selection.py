@@ -9,6 +9,7 @@ import itertools
 import math
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
+from functools import cache, partial
 
 import numpy as np
 
@@ -312,18 +313,16 @@ def leap(search: Search, base: Fit, most: int) -> None:
     More than `LEAPS_ANYHOW` effects are tried only where that promises to take most of what is left away: what nothing
     in the library explains is bent a little by everything.
     """
-    beginnings = at_beginnings(search.problem, base.theta, search.starts)
+    beginnings = cache(partial(at_beginnings, search.problem, base.theta, search.starts))
     for size in range(2, most + 1):
         if size > LEAPS_ANYHOW and not _pays(search, size, most):
             return
         fit_larger(search, _sources(search, base, size), size)
-        _fitted(search, [(search.empty(base), s) for s in best_subsets(beginnings, size)[:NARROW]])
-        for _ in range(2):
-            best = _best_of_size(search, size, 1)
-            if not best or search.reached(best[0]):
-                break
-            swap(search, best[0])
-        if any(search.reached(e) for e in _best_of_size(search, size, 1)):
+        if not _reached(search, size):
+            _fitted(search, [(search.empty(base), s) for s in best_subsets(beginnings(), size)[:NARROW]])
+        for best in (e for _ in range(2) for e in _best_of_size(search, size, 1) if not search.reached(e)):
+            swap(search, best)
+        if _reached(search, size):
             return
 
 
@@ -367,6 +366,10 @@ def _pays(search: Search, size: int, most: int) -> bool:
 def _best_of_size(search: Search, size: int, most: int) -> list[Explanation]:
     """The best physical sets of one size, those aside that refine another."""
     return [e for e in search.sound(size) if all(c.effect.contains is None for c in e.members)][:most]
+
+
+def _reached(search: Search, size: int) -> bool:
+    return any(map(search.reached, _best_of_size(search, size, 1)))
 
 
 def _sources(search: Search, base: Fit, size: int) -> list[Explanation]:
