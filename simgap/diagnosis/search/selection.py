@@ -28,6 +28,7 @@ from simgap.diagnosis.thresholds import (
     FAR,
     FIT_QUALITY,
     LEAPS_ANYHOW,
+    MATTERS,
     MOST,
     NARROW,
     OUT_OF_SIGHT,
@@ -311,7 +312,8 @@ def leap(search: Search, base: Fit, most: int) -> None:
     """Fit what the linear problems promise, two effects first, then more, until a set reaches the noise.
 
     More than `LEAPS_ANYHOW` effects are tried only where that promises to take most of what is left away: what nothing
-    in the library explains is bent a little by everything.
+    in the library explains is bent a little by everything. At the beginnings of windows, where little has bent yet,
+    what is right promises to leave next to nothing.
     """
     beginnings = cache(partial(at_beginnings, search.problem, base.theta, search.starts))
     for size in range(2, most + 1):
@@ -319,7 +321,8 @@ def leap(search: Search, base: Fit, most: int) -> None:
             return
         fit_larger(search, _sources(search, base, size), size)
         if not _reached(search, size):
-            _fitted(search, [(search.empty(base), s) for s in best_subsets(beginnings(), size)[:NARROW]])
+            near = (s for s in best_subsets(beginnings(), size)[:NARROW] if s.left < MATTERS * beginnings().rest)
+            _fitted(search, [(search.empty(base), s) for s in near])
         for best in (e for _ in range(2) for e in _best_of_size(search, size, 1) if not search.reached(e)):
             swap(search, best)
         if _reached(search, size):
@@ -394,7 +397,7 @@ def _options(
     return kept[:WIDTH]
 
 
-def _fitted(search: Search, options: list[tuple[Explanation, Subset]]) -> None:
+def _fitted(search: Search, options: Iterable[tuple[Explanation, Subset]]) -> None:
     lower, upper = search.problem.model.lower, search.problem.model.upper
     for e, s in options:
         theta = np.clip(with_values(e.fit.theta, s.values), lower, upper)
