@@ -236,7 +236,8 @@ class MeasuredSection(Section):
     held_out: HeldOut = Field(default_factory=HeldOut)
     """Data that are held out for the verdict."""
     window_s: float = Field(1.0, gt=0)
-    """Length of the windows that are simulated in the fit, in seconds."""
+    """Length of the windows that are simulated in the fit, in seconds: about what the plant takes to answer its input.
+    1 s suits most machines; give a slow plant (tanks, heat) more, so that what it lacks shows above the noise."""
     horizon_s: float = Field(0.5, gt=0)
     """How far ahead of the causal initial state the error E(h) is reported, in seconds."""
     noise: dict[str, Positive] = Field(default_factory=dict)

@@ -30,12 +30,13 @@ from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.simulation.noise_law import LIMIT
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.thresholds import FIT_QUALITY, LEAPS_ANYHOW, MATTERS, PLAUSIBLE_RATIO
+from simgap.diagnosis.thresholds import FIT_QUALITY, LEAPS_ANYHOW, MATTERS, PLAUSIBLE_RATIO, SELDOM
 from simgap.diagnosis.verdict import answer
 from simgap.diagnosis.verdict.faults import extrapolated, faint_memory, noise_faults, push_faults
 from simgap.diagnosis.verdict.held_out import HeldOut, concentrated, excess_share, judge, judged, noise_floor
 from simgap.diagnosis.verdict.score import Errors, Gain, gained
 from simgap.diagnosis.verdict.sets import as_good, folds_agree, plausible, slight
+from simgap.statistics import chi2, norm
 from simgap.notation import percent
 
 
@@ -169,7 +170,8 @@ def _rivals(chosen: Chosen) -> list[Rival]:
 def _warnings(held: HeldOut, kept: Explanation, horizon_s: float) -> Iterator[str]:
     if not kept.fit.converged:
         yield "The last fit had not converged: treat its numbers with care."
-    if held.stray and held.at_noise:
+    by_chance = 2.0 * held.free * norm.cdf(-LIMIT)  # Gaussian noise has so many on average; limits by Garwood (1936)
+    if held.stray and held.at_noise and chi2.ppf(SELDOM, 2 * held.stray) > 2.0 * by_chance:
         yield (
             f"Readings of the confirming data ({held.stray}) are gross errors, {LIMIT:.2g} times the noise or more: "
             "noise with heavy tails, or bad readings."

@@ -67,7 +67,10 @@ def force_columns(
         gains = c.force_map if c.force_map is not None else {c.velocity: str(c.force_gain)}
         unknown = sorted(set(gains) - {other.velocity for other in written.coordinates.values()})
         if unknown:
-            raise UserError(f"{unknown} are not velocities of coordinates", key=f"{key}.force_map")
+            raise UserError(
+                f"{unknown} are not velocities of coordinates", key=f"{key}.force_map",
+                remedy="Declare a coordinate for each; its position is a state that need not be measured.",
+            )  # fmt: skip
         where = f"{key}.force_map" if c.force_map is not None else f"{key}.force_gain"
         read = {n: parsed(text, where if c.force_map is None else f"{where}.{n}") for n, text in gains.items()}
         columns[name] = tuple(read.get(n, sp.Integer(0)) for n in states)
