@@ -36,8 +36,8 @@ from simgap.diagnosis.verdict.faults import extrapolated, faint_memory, noise_fa
 from simgap.diagnosis.verdict.held_out import HeldOut, concentrated, excess_share, judge, judged, noise_floor
 from simgap.diagnosis.verdict.score import Errors, Gain, gained
 from simgap.diagnosis.verdict.sets import as_good, folds_agree, plausible, slight
-from simgap.statistics import chi2, norm
 from simgap.notation import percent
+from simgap.statistics import chi2, norm
 
 
 def conclude(
