@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import copy
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from simgap.diagnosis.diagnose import diagnose
+from simgap.config.plant import PlantSection
+from simgap.diagnosis.diagnose import diagnose, ready
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.search import columns
 from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.parts import parts_of
+from simgap.plants.plant_model import declared_model
 from tests.diagnosis.plants import point_pendulum
-from tests.undeclared.rig import robot
+from tests.undeclared.nominals import EQUATIONS
+from tests.undeclared.rig import robot, textbook
+from tests.undeclared.rig.textbook import Hidden
 from tests.undeclared.test_robot import _declared
 
 
@@ -106,3 +113,24 @@ def test_a_unit_that_the_declared_model_alone_shows_faintly_is_told_by_what_pred
     assert told == ([("wrong_unit", "angle")] if factor > 1.0 else [])
     assert d.verdict in ("attributed", "partial")
     assert d.after.horizon_rmse["angle"] < 0.005
+
+
+@pytest.mark.parametrize(("inductance", "rate"), [(0.002, 40.0), (0.0004, 100.0)])
+@pytest.mark.parametrize(
+    "hidden", [Hidden(gain={"V": 0.3}), Hidden(coulomb={"shaft": 0.05}), Hidden(factors={"J": 2.0})]
+)
+def test_a_stiff_motor_that_is_read_slowly_has_its_columns_right(inductance, rate, hidden):
+    """Its winding settles within a reading: a step as long as that diverges, and says nothing of columns."""
+
+    def rates(x, u, f, r):
+        turn = (0.05 * x[2] + f[0]) / (0.002 * r.get("J", 1.0))
+        return np.array([x[1], turn, (u[0] - x[2] - 0.05 * x[1]) / inductance])
+
+    made = replace(textbook.dc_motor(), rates=rates, rate=rate)
+    runs = textbook.runs(made, hidden, 77, seconds=6.0)
+    equations = copy.deepcopy(EQUATIONS["dc_motor"])
+    equations["symbolic"]["parameters"]["L"]["value"] = inductance
+    model = declared_model(PlantSection.model_validate(equations), None)
+    record = Record(tuple(Trace(f"run{k}", *run) for k, run in enumerate(runs)), made.measured, made.inputs)
+    (seen,) = ready(model, record, DiagnosisSettings())
+    assert seen.faults == ()

@@ -1,12 +1,16 @@
-"""The least squares over windows: when they give up."""
+"""The least squares over windows: when they give up, what their numbers are worth, which of their ends is kept."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from simgap.diagnosis.search import fit as fit_module
+from simgap.diagnosis.search.explanations import Search
+from simgap.diagnosis.search.scoring import list_starts
+from simgap.diagnosis.simulation.sensitivity import inverted
 from tests.diagnosis.plants import block, one_window, with_effect
 
 
@@ -29,3 +33,27 @@ def test_a_fit_whose_linear_problems_stay_far_from_the_noise_is_given_up(monkeyp
     assert (len(passes), short.converged) == (3, False)
     assert whole.chi2 > 100.0 * problem.size  # nothing was lost
     assert needed > 3
+
+
+def test_two_numbers_that_do_the_same_have_no_variance_and_a_third_has():
+    gram = np.array([[2.0, 2.0, 0.0], [2.0, 2.0, 0.0], [0.0, 0.0, 4.0]])
+    at = fit_module.Fit(np.zeros(3), np.zeros((1, 2)), (0, 1, 2), 1.0, inverted(gram), (), True)
+    assert at.variances == pytest.approx([np.inf, np.inf, 0.25])
+
+
+def test_an_end_that_is_not_physical_does_not_replace_one_that_is(monkeypatch):
+    """Of one set the fit ends once at a drag, lower at a friction that drives: the drag stays until a lower one comes."""
+    t = np.arange(0.0, 2.0, 0.01)
+    problem, compiled = one_window(block(2.0), t, np.zeros_like(t))
+    drag = with_effect(compiled, "viscous_friction", "slide", b=0.8)
+    x0 = np.array([[0.0, 1.0]])
+    problem = replace(problem, y=problem.states(drag, x0), sigma=np.full(2, 1e-3))
+    c, base = compiled.find("viscous_friction", "slide"), fit_module.fit(problem, compiled.null, x0, [], {})
+    search = Search(problem, list_starts(problem))
+    kept = []
+    for b, chi2 in ((0.8, 50.0), (-0.1, 20.0), (0.7, 40.0), (0.9, 60.0)):
+        theta = with_effect(compiled, "viscous_friction", "slide", b=b)
+        end = fit_module.Fit(theta, x0, c.slots, chi2, np.eye(1), (), True, problem)
+        monkeypatch.setattr(search, "_ended", lambda *given, end=end: end)
+        kept.append(search.explain((c,), theta, base, again=True).fit.chi2)
+    assert kept == [50.0, 50.0, 40.0, 40.0]

@@ -172,3 +172,17 @@ def test_a_step_that_a_stiff_effect_needs_shorter_does_not_resolve_it():
         theta = problem.model.null.copy()
         theta[list(slots)] = 0.5, distance
         assert resolved(problem, theta, initial_states(problem)) is good
+
+
+def test_a_motor_behind_its_joint_feels_the_inputs_of_its_own_trace():
+    """Two traces whose clocks both begin at 0, and a delayed command."""
+    rng, t = np.random.default_rng(0), np.arange(400) * 0.01
+    u = rng.normal(size=(400, 1))
+    y = np.cumsum(u, axis=0) * [1e-3, 1e-3] + 1e-3 * rng.normal(size=(400, 2))
+    settings = DiagnosisSettings(effects=("joint_elasticity", "input_delay"))
+    record = Record((Trace("a", t, y, u), Trace("b", t, y, -2.0 * u)), ("q", "v"), ("u",))
+    parts, _ = parts_of(block(), record, settings)
+    known = parts.with_tier(settings, True, True).known
+    felt = known._felt(with_effect(known.model, "input_delay", "u", delay=0.02), (0,))
+    assert felt[2:400] == pytest.approx(u[:398, 0])
+    assert felt[402:] == pytest.approx(-2.0 * u[:398, 0])

@@ -118,3 +118,12 @@ def test_the_resolution_of_an_encoder():
     t, q, v, u = motion()
     step = 2 * np.pi / 4096
     assert look(t, step * np.round(q / step), v, u).channels[0].resolution == pytest.approx(step, rel=1e-6)
+
+
+def test_slow_motion_says_nothing_of_a_lag():
+    """A heading that turns in half a minute, read twenty times a second with noise: no shift does better."""
+    rng, t = np.random.default_rng(5), np.arange(0.0, 110.0, 0.05)
+    q, v = np.sin(0.2 * t) + 5e-3 * rng.standard_normal(t.size), 0.2 * np.cos(0.2 * t)
+    seen = look(t, q, v + 0.05 * rng.standard_normal(t.size), np.sin(0.2 * t))
+    assert seen.lags[0].lag_s == 0.0
+    assert not [w for w in seen.warnings if "trails" in w or "leads" in w]
