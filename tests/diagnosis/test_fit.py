@@ -42,7 +42,7 @@ def test_two_numbers_that_do_the_same_have_no_variance_and_a_third_has():
 
 
 def test_an_end_that_is_not_physical_does_not_replace_one_that_is(monkeypatch):
-    """Of one set the fit ends once at a drag, lower at a friction that drives: the drag stays until a lower one comes."""
+    """A set ends at a drag, and lower at a friction that drives: the drag stays, till a lower one comes."""
     t = np.arange(0.0, 2.0, 0.01)
     problem, compiled = one_window(block(2.0), t, np.zeros_like(t))
     drag = with_effect(compiled, "viscous_friction", "slide", b=0.8)
