@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from simgap.diagnosis.search.confidence import undetermined
+from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.verdict import sets
-from simgap.diagnosis.verdict.sets import _variances
 from simgap.effects.base import Scales
 from simgap.effects.forces import Cogging
 from simgap.effects.friction import CoulombFriction, DahlFriction, StribeckFriction
@@ -42,6 +42,10 @@ def test_what_looks_like_another_force_wherever_the_record_was_is_doubted(effect
 def test_a_ripple_is_sought_from_one_period_on(places, fewest):
     starts = Cogging().starts(Scales(0.01, places=places))
     assert [start.point([1.0, 0.0])["n"] for start in starts] == list(range(fewest, 17))
+
+
+def _variances(covariance):
+    return Fit(np.zeros(3), np.zeros((1, 2)), (), 1.0, covariance, (), True).variances
 
 
 def test_what_a_half_of_the_data_does_not_show_has_no_bound():
