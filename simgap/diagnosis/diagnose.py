@@ -20,10 +20,11 @@ from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, RecordingFault
 from simgap.diagnosis.search.columns import better_columns
 from simgap.diagnosis.search.scoring import barred
+from simgap.diagnosis.search.selection import leap_from_beginnings
 from simgap.diagnosis.search.watch import Watch, answered
 from simgap.diagnosis.seek import (
     Hypothesis,
-    explained_by_one,
+    explained,
     looked_again,
     no_louder_than_misses,
     on_its_step,
@@ -193,10 +194,12 @@ def _sought(model: SymbolicModel, own: Ready, settings: DiagnosisSettings, watch
     """Search a record, tier by tier, and again where what was found changes what is known of it."""
     start = Hypothesis.of(own.parts, settings, barred(model, own.record, settings.effects, settings.known), watch)
     looked_again(watch, watch.save)
+    if not start.reached:
+        looked_again(watch, lambda: leap_from_beginnings(start.search, start.base, start.most))
     under, wide = screened(start)
     robust = None
     if under is None:
-        pushed = None if explained_by_one(start) else under_its_law(start)
+        pushed = None if explained(start) else under_its_law(start)
         if pushed is not None and pushed.parts.left_out and not (wide and explain_all(wide, pushed.found)):
             under, wide = pushed, None
         else:  # all data by least squares, from the beginning

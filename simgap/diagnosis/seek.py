@@ -175,9 +175,13 @@ def on_its_step(under: Hypothesis) -> Hypothesis:
     return under
 
 
-def explained_by_one(start: Hypothesis) -> bool:
-    """Whether the model as declared or with one effect more is down to the noise."""
-    return bool(looked_again(start.watch, lambda: explained_by_one_more(start.search, start.found)))
+def explained(start: Hypothesis) -> bool:
+    """Whether the model as declared, with one effect more, or with what was tried already, is down to the noise."""
+    search = start.search
+    return bool(
+        any(map(search.reached, search.sound()))
+        or looked_again(start.watch, lambda: explained_by_one_more(search, start.found))
+    )
 
 
 def under_its_law(plain: Hypothesis) -> Hypothesis | None:

@@ -8,8 +8,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Collection, Iterable
-from dataclasses import dataclass
-from functools import cache, partial
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -312,21 +311,31 @@ def leap(search: Search, base: Fit, most: int) -> None:
     """Fit what the linear problems promise, two effects first, then more, until a set reaches the noise.
 
     More than `LEAPS_ANYHOW` effects are tried only where that promises to take most of what is left away: what nothing
-    in the library explains is bent a little by everything. At the beginnings of windows, where little has bent yet,
-    what is right promises to leave next to nothing.
+    in the library explains is bent a little by everything.
     """
-    beginnings = cache(partial(at_beginnings, search.problem, base.theta, search.starts))
     for size in range(2, most + 1):
         if size > LEAPS_ANYHOW and not _pays(search, size, most):
             return
         fit_larger(search, _sources(search, base, size), size)
-        if not _reached(search, size):
-            near = (s for s in best_subsets(beginnings(), size)[:NARROW] if s.left < MATTERS * beginnings().rest)
-            _fitted(search, [(search.empty(base), s) for s in near])
         for best in (e for _ in range(2) for e in _best_of_size(search, size, 1) if not search.reached(e)):
             swap(search, best)
-        if _reached(search, size):
+        if any(map(search.reached, _best_of_size(search, size, 1))):
             return
+
+
+def leap_from_beginnings(search: Search, base: Fit, most: int) -> bool:
+    """Whether sets of two effects or more reach the noise that promise to leave next to nothing at the beginnings of
+    windows, where little has bent yet: all else is then given up where it stays out of sight of them."""
+    seen = at_beginnings(search.problem, base.theta, search.starts)
+    apart = replace(search, tried={}, limit=OUT_OF_SIGHT * search.problem.size)
+    for size in range(2, min(most, LEAPS_ANYHOW) + 1):
+        near = (s for s in best_subsets(seen, size)[:NARROW] if s.left < MATTERS * seen.rest)
+        _fitted(apart, [(search.empty(base), s) for s in near])
+        found = {k: e for k, e in apart.tried.items() if e.physical and search.reached(e)}
+        if found:
+            search.tried |= found
+            return True
+    return False
 
 
 def at_beginnings(problem: Problem, theta: Floats, starts: Starts) -> Screen:
@@ -369,10 +378,6 @@ def _pays(search: Search, size: int, most: int) -> bool:
 def _best_of_size(search: Search, size: int, most: int) -> list[Explanation]:
     """The best physical sets of one size, those aside that refine another."""
     return [e for e in search.sound(size) if all(c.effect.contains is None for c in e.members)][:most]
-
-
-def _reached(search: Search, size: int) -> bool:
-    return any(map(search.reached, _best_of_size(search, size, 1)))
 
 
 def _sources(search: Search, base: Fit, size: int) -> list[Explanation]:
