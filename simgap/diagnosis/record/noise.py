@@ -137,7 +137,7 @@ def worth(record: Record, known: Mapping[str, float] | None = None) -> Worth:
         shared[k] = _placed(white / step) * (step / sigma[k]) ** 2
     weight = [weights(trace.y, steps, shared) for trace in record.traces]
     given = known or {}
-    sigma = np.array([given.get(name, s) for name, s in zip(record.measured, sigma.tolist(), strict=True)])
+    sigma = np.array([float(given.get(name, s)) for name, s in zip(record.measured, sigma, strict=True)])
     return Worth(sigma, np.concatenate(weight), steps, shared)
 
 

@@ -4,8 +4,8 @@ Such a fault is discrete and large: no effect leads there step by step, and a se
 possibility is tried on a few windows before the search, with the model as declared and with friction, biases and gains
 beside it, and one is taken up where it misses by a small part of what the columns as they are miss. One that is better
 by less is a hypothesis of the record: what is found under it has to predict better. So is an input's sign, as its gain
-may be negative. A velocity that is a multiple of its position's derivative is the derivative, whatever the plant lacks:
-no possibility is tried under which it is not, and if the columns as they are say so, the best other one is taken up.
+may be negative. Whether a velocity has the sign of its position's derivative is kinematics, which no missing effect
+masks: no possibility is tried under which it has not, and if the columns as they are have not, one of the others is.
 """
 
 from __future__ import annotations
@@ -73,11 +73,10 @@ class Columns:
         return replace(problem, y=y, u=u, sigma=sigma, used=used, weight=weight, memo=Memo())
 
     def derives(self, problem: Problem, lags: Sequence[VelocityLag]) -> bool:
-        """Whether velocities are the derivatives of their positions, as far as their columns are multiples of these."""
+        """Whether velocities that are multiples of their positions' derivatives have the sign of these."""
         place = {n: j for j, n in enumerate(problem.model.measured)}
-        pairs = [(lag, place[lag.position], place[lag.velocity]) for lag in lags if lag.related]
-        moved = [replace(lag, scale=lag.scale * float(self.y[v] / self.y[q])) for lag, q, v in pairs]
-        return all(lag.agrees for lag in moved) and all(self.y_order[j] == j for _, *own in pairs for j in own)
+        pairs = [(lag.scale, place[lag.position], place[lag.velocity]) for lag in lags if lag.related]
+        return all(scale * self.y[q] * self.y[v] > 0.0 for scale, q, v in pairs)
 
     def leads_out(self, problem: Problem, within: Mapping[str, tuple[float, float]]) -> bool:
         """Whether its factors move a channel whose readings lie within its range out of it."""
@@ -105,19 +104,29 @@ class Columns:
 def better_columns(
     problem: Problem, lags: Sequence[VelocityLag], within: Mapping[str, tuple[float, float]]
 ) -> Columns | None:
-    """The possibility under which the declared model misses least, if it is better than the columns as they are by more
-    than a few times; sure, if by far and no input is reversed.
+    """What the columns may be rather than what the case says; None where nothing speaks for another possibility.
+
+    Readings `within` the range where the plant works, state -> (least, largest), are not led out of it. Where `lags`
+    show that the columns as they are cannot be, and the declared model decides for none of the others surely, it is the
+    one under which the library promises to explain most.
+    """
+    options = [option for option in _options(problem) if not option.leads_out(problem, within)]
+    derived = [option for option in options if option.derives(problem, lags)]
+    best = _best_by_trial(problem, derived or options)
+    if not derived or (best is not None and best.sure) or all(lag.scale > 0.0 for lag in lags if lag.related):
+        return best
+    return min(derived, key=lambda option: _promised(option.applied(problem)))
+
+
+def _best_by_trial(problem: Problem, options: Sequence[Columns]) -> Columns | None:
+    """The option under which the declared model misses least, if it is better than the columns as they are by more than
+    a few times; sure, if by far and no input is reversed.
 
     Nor may friction, biases and gains do as well with the columns as they are: a reversed reading keeps an unstable
     plant in its place, as a better gain does. A large missing effect hides a wrong unit from the declared model: where
-    no possibility is better by far, each is tried once more with these free, those out of sight aside. Small inputs and
+    no option is better by far, each is tried once more with these free, those out of sight aside. Small inputs and
     large readings take the plant out of sight: such a factor must also do better than one that leaves nothing of it.
-    Readings `within` the range where the plant works, state -> (least, largest), are not led out of it. Where `lags`
-    show that the columns as they are cannot be, the one under which two effects of the library promise most is taken.
     """
-    options = [o for o in _options(problem) if o.derives(problem, lags) and not o.leads_out(problem, within)]
-    if options and any(lag.related and not lag.agrees for lag in lags):
-        return min(options, key=lambda o: _promised(o.applied(problem)))
     part, _ = problem.some()
     own = _begun(part, np.inf)
     if (alone := own.left) < OUT_OF_SIGHT:
@@ -135,8 +144,10 @@ def better_columns(
 
 
 def _promised(problem: Problem) -> float:
-    """chi^2 that the two best effects leave at the beginnings of windows, by the linear problem."""
-    return min(s.left for s in best_subsets(at_beginnings(problem, problem.model.null, list_starts(problem)), 2))
+    """The least BIC that the linear problem of the beginnings of windows promises of up to two effects."""
+    seen = at_beginnings(problem, problem.model.null, list_starts(problem))
+    sets = (s for size in range(3) for s in best_subsets(seen, size)[:1])
+    return min(s.left + s.count * float(np.log(problem.size)) for s in sets)
 
 
 def _unsure(best: Columns | None) -> Columns | None:

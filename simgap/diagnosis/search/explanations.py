@@ -177,7 +177,8 @@ class Search:
         if key not in self.tried or again:
             slots = [k for c in members for k in c.free]
             made = len(self.ends)
-            ends = self.tried[key].fit.chi2 if key in self.tried else math.inf
+            old = self.tried.get(key)
+            ends = old.fit.chi2 if old is not None and old.physical else math.inf
             found = self._ended(theta, base.begin(self.problem), slots, ends)
             count = sum(len(c.slots) for c in members)
             physical = all(sound(c, found) for c in members) and resolved(self.problem, found.theta, found.x0)
@@ -185,7 +186,6 @@ class Search:
             physical = physical and (not bends or self._at_noise(found))
             spent = self.problem.spent(found.theta)
             new = Explanation(members, found, self.bic(found.chi2 + spent, count), physical)
-            old = self.tried.get(key)
             if old is None or (new.physical, -new.fit.chi2) > (old.physical, SAME - old.fit.chi2):
                 self.tried[key] = new
             if len(self.ends) > made:

@@ -68,8 +68,9 @@ def velocity_lag(record: Record, position: str, velocity: str) -> VelocityLag | 
     if np.min(power) <= 0.0 or np.min(own) <= 0.0:
         return None
     loss = 1.0 - cross**2 / (power * own)
-    best = int(np.argmin(loss))
-    if loss[reach] <= (1.0 + MATTERS) * loss[best]:  # slow motion says nothing of a lag
+    forward = np.where(cross > 0.0, loss, np.inf)  # half a period late a swing is nearly its own negative
+    best = int(np.argmin(forward if np.min(forward) <= MOST**2 else loss))
+    if np.sign(cross[reach]) == np.sign(cross[best]) and loss[reach] <= (1.0 + MATTERS) * loss[best]:  # slow motion
         best = reach
     shift = float(best - reach)
     if best != reach and 0 < best < 2 * reach:
@@ -205,9 +206,10 @@ class ConstantColumn(Fault):
 
 
 def velocity_lags(record: Record, model: SymbolicModel) -> Iterator[VelocityLag]:
-    """Of every coordinate whose position and velocity are both measured, and which moves."""
+    """Of every coordinate that moves whose velocity is declared to be the rate of its position, both measured."""
+    rates = dict(zip(model.state_names, map(str, model.xdot), strict=True))
     for c in model.coordinates:
-        if {c.position, c.velocity} <= {*record.measured}:
+        if {c.position, c.velocity} <= {*record.measured} and rates[c.position] == c.velocity:
             lag = velocity_lag(record, c.position, c.velocity)
             if lag is not None:
                 yield lag
