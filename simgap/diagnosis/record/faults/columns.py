@@ -135,8 +135,9 @@ class SwappedColumns(SeenFault):
 class WrongSign(Fault):
     """A column has the other sign.
 
-    Detected: as `wrong_unit`; of an input only where a search with it reversed predicts better, else its gain is
-    negative, and stays named: a reversed wire and a reversed column look alike.
+    Detected: as `wrong_unit`; of a velocity and its position also where the one is the negative of the other's
+    derivative (kinematics: no missing effect masks it); of an input only where a search with it reversed predicts
+    better, else its gain is negative, and stays named: a reversed wire and a reversed column look alike.
     """
 
     name = "wrong_sign"
