@@ -323,19 +323,21 @@ def leap(search: Search, base: Fit, most: int) -> None:
             return
 
 
-def leap_from_beginnings(search: Search, base: Fit, most: int) -> bool:
-    """Whether sets of two effects or more reach the noise that promise to leave next to nothing at the beginnings of
-    windows, where little has bent yet: all else is then given up where it stays out of sight of them."""
+def leap_from_beginnings(search: Search, base: Fit, most: int) -> None:
+    """Fit sets of two effects or more that promise to leave next to nothing at the beginnings of windows, where little
+    has bent yet.
+
+    Those that reach the noise are kept: what stays out of sight of them is then given up.
+    """
     seen = at_beginnings(search.problem, base.theta, search.starts)
     apart = replace(search, tried={}, limit=OUT_OF_SIGHT * search.problem.size)
     for size in range(2, min(most, LEAPS_ANYHOW) + 1):
         near = (s for s in best_subsets(seen, size)[:NARROW] if s.left < MATTERS * seen.rest)
         _fitted(apart, [(search.empty(base), s) for s in near])
         found = {k: e for k, e in apart.tried.items() if e.physical and search.reached(e)}
+        search.tried |= found
         if found:
-            search.tried |= found
-            return True
-    return False
+            return
 
 
 def at_beginnings(problem: Problem, theta: Floats, starts: Starts) -> Screen:
