@@ -325,19 +325,21 @@ def leap(search: Search, base: Fit, most: int) -> None:
 
 def leap_from_beginnings(search: Search, base: Fit, most: int) -> None:
     """Fit sets of two effects or more that promise to leave next to nothing at the beginnings of windows, where little
-    has bent yet, and to take most of what smaller ones leave.
+    has bent yet.
 
-    Those that do so on whole windows are kept: what stays out of sight of one at the noise is then given up.
+    Those that reach the noise are kept: what stays out of sight of them is then given up.
     """
     seen = at_beginnings(search.problem, base.theta, search.starts)
-    apart, begun = replace(search, tried={}), search.empty(replace(base, x0=seen.at.x0))
+    one, two = (min((s.left for s in best_subsets(seen, size)), default=seen.rest) for size in (1, 2))
+    if two > MOST * one:
+        return
+    apart = replace(search, tried={}, limit=OUT_OF_SIGHT * search.problem.size)
     for size in range(2, min(most, LEAPS_ANYHOW) + 1):
-        smaller = min((s.left for s in best_subsets(seen, size - 1)), default=seen.rest)
-        bar = min(MATTERS * seen.rest, MOST * smaller)
-        near = (s for s in best_subsets(seen, size)[:NARROW] if s.left < bar)
-        _fitted(apart, [(begun, s) for s in near])
-        search.tried |= {k: e for k, e in apart.tried.items() if e.fit.chi2 < MATTERS * base.chi2}
-        if any(map(search.reached, apart.sound())):
+        near = (s for s in best_subsets(seen, size)[:NARROW] if s.left < MATTERS * seen.rest)
+        _fitted(apart, [(search.empty(base), s) for s in near])
+        found = {k: e for k, e in apart.tried.items() if e.physical and search.reached(e)}
+        search.tried |= found
+        if found:
             return
 
 
