@@ -12,13 +12,17 @@ from simgap.diagnosis.search.scoring import list_starts
 from tests.diagnosis.plants import block, one_window, with_effect
 
 
-def test_a_fit_whose_linear_problems_stay_far_from_the_noise_is_given_up(monkeypatch):
-    """A spring cannot imitate a motion that viscous friction slows; after three linear problems that is known."""
-    t = np.arange(0.0, 2.0, 0.01)
+def _slowed(sigma):
+    """A block that viscous friction slows for two seconds: the problem, its model, where it begins."""
+    t, x0 = np.arange(0.0, 2.0, 0.01), np.array([[0.0, 1.0]])
     problem, compiled = one_window(block(2.0), t, np.zeros_like(t))
     drag = with_effect(compiled, "viscous_friction", "slide", b=0.8)
-    x0 = np.array([[0.0, 1.0]])
-    problem = replace(problem, y=problem.states(drag, x0), sigma=np.full(2, 1e-6))
+    return replace(problem, y=problem.states(drag, x0), sigma=np.full(2, sigma)), compiled, x0
+
+
+def test_a_fit_whose_linear_problems_stay_far_from_the_noise_is_given_up(monkeypatch):
+    """A spring cannot imitate a motion that viscous friction slows; after three linear problems that is known."""
+    problem, compiled, x0 = _slowed(1e-6)
     slots = list(compiled.find("spring", "slide").slots)
     monkeypatch.setattr(fit_module, "PATIENCE", 3)
     passes = []
@@ -35,11 +39,7 @@ def test_a_fit_whose_linear_problems_stay_far_from_the_noise_is_given_up(monkeyp
 
 def test_an_end_that_is_not_physical_does_not_replace_one_that_is(monkeypatch):
     """A set ends at a drag, and lower at a friction that drives: the drag stays, till a lower one comes."""
-    t = np.arange(0.0, 2.0, 0.01)
-    problem, compiled = one_window(block(2.0), t, np.zeros_like(t))
-    drag = with_effect(compiled, "viscous_friction", "slide", b=0.8)
-    x0 = np.array([[0.0, 1.0]])
-    problem = replace(problem, y=problem.states(drag, x0), sigma=np.full(2, 1e-3))
+    problem, compiled, x0 = _slowed(1e-3)
     c, base = compiled.find("viscous_friction", "slide"), fit_module.fit(problem, compiled.null, x0, [], {})
     search = Search(problem, list_starts(problem))
     kept = []
