@@ -1,8 +1,11 @@
 """The law of misses with gross errors, by hand."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from simgap.diagnosis.conclude import _warnings
 from simgap.diagnosis.simulation.noise_law import LIMIT, are_gross, limited, usual_size
 
 RNG = np.random.default_rng(20)
@@ -45,3 +48,11 @@ def test_the_usual_size_does_not_count_what_was_lost():
     used = (RNG.random((4000, 1)) > 0.6).astype(float)
     kept = misses[used > 0.0][:, None]
     assert usual_size(misses * used, used) == usual_size(kept, np.ones_like(kept))
+
+
+@pytest.mark.parametrize(("stray", "told"), [(0, False), (2, False), (12, True)])
+def test_readings_far_out_are_told_as_gross_errors_beyond_what_chance_makes(stray, told):
+    """Of ten thousand Gaussian readings two lie beyond 3.7 standard deviations."""
+    held = SimpleNamespace(stray=stray, free=10_000, at_noise=True, horizon=object())
+    kept = SimpleNamespace(fit=SimpleNamespace(converged=True))
+    assert any("gross errors" in words for words in _warnings(held, kept, 0.5)) == told

@@ -184,5 +184,6 @@ def test_a_motor_behind_its_joint_feels_the_inputs_of_its_own_trace():
     parts, _ = parts_of(block(), record, settings)
     known = parts.with_tier(settings, True, True).known
     felt = known._felt(with_effect(known.model, "input_delay", "u", delay=0.02), (0,))
-    assert felt[2:400] == pytest.approx(u[:398, 0])
-    assert felt[402:] == pytest.approx(-2.0 * u[:398, 0])
+    own = np.concatenate([[u[0, 0]] * 2, u[:398, 0]])  # before it begins a trace feels its first command
+    assert felt[:400] == pytest.approx(own)
+    assert felt[400:] == pytest.approx(-2.0 * own)
