@@ -40,7 +40,7 @@ def rivals(search: Search, chosen: Explanation) -> list[Rival]:
     """All sets within `BIC_GAIN` of the chosen one, best first, each once.
 
     Each effect is replaced by others in turn, then whole sets by others whose sensitivities span the same space, and an
-    effect of several numbers by one that moves the predictions as these together do; where the search was stopped,
+    effect by one number that moves the predictions nearly as its own do, begun there; where the search was stopped,
     those that it fitted are listed. A set that only adds effects to another one on the list is left out.
     """
     if not chosen.members:
@@ -66,8 +66,8 @@ def _fitted(search: Search, chosen: Explanation) -> set[Key]:
     null, seen = search.problem.model.null, _Span.around(search, chosen)
     inside = seen.only([j for j in range(seen.own, len(seen.size)) if seen.holds(range(seen.own), j)])
     sets = [(inside, *each) for each in _other_sets(chosen, inside)]
-    simpler = [(seen, *each) for each in _simpler(chosen, seen, null)] if search.reached(chosen) else []
-    for span, members, columns in [*sets, *simpler]:
+    alike = [(seen, *each) for each in _alike(chosen, seen, null)] if search.reached(chosen) else []
+    for span, members, columns in [*sets, *alike]:
         theta = _begun(chosen, null, span, members, columns if search.reached(chosen) else [])
         near.explain(members, theta, chosen.fit, again=True)  # an earlier start may have ended elsewhere
     return {c.key for c, _ in inside.joining}
@@ -185,18 +185,21 @@ def _other_sets(chosen: Explanation, span: _Span) -> list[_Set]:
     return sets[: 2 * WIDTH]
 
 
-def _simpler(chosen: Explanation, span: _Span, null: Floats) -> list[_Set]:
-    """Sets with one number in the place of an effect's several, where these together do nearly what the one does."""
-    sets: list[tuple[float, _Set]] = []
+def _alike(chosen: Explanation, span: _Span, null: Floats) -> list[_Set]:
+    """Sets with one number in the place of an effect's own, one or several, where it does nearly what these do: begun
+    there, a fit does not wander off."""
+    sets: list[_Set] = []
     for member, gone in zip(chosen.members, _columns(chosen), strict=True):
         rest = tuple(c for c in chosen.members if c is not member)
         kept = [j for j in range(span.own) if j not in gone]
-        for n, (c, _) in enumerate(span.joining) if len(gone) > 1 else ():
+        near: list[tuple[float, _Set]] = []
+        for n, (c, _) in enumerate(span.joining):
             directions = [*kept, span.own + n]
             share = span.share(directions, gone, _away(chosen, gone, null))
             if share > COLLINEAR**2:
-                sets.append((share, ((*rest, c), directions)))
-    return [s for _, s in sorted(sets, key=lambda pair: -pair[0])[:WIDTH]]
+                near.append((share, ((*rest, c), directions)))
+        sets += [s for _, s in sorted(near, key=lambda pair: -pair[0])[:WIDTH]]
+    return sets
 
 
 def _away(chosen: Explanation, columns: list[int], null: Floats) -> Floats:

@@ -27,6 +27,7 @@ from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import state_columns, state_steps
 from simgap.diagnosis.thresholds import BRIEF_S, FAR, SEVERAL
+from simgap.diagnosis.verdict.sets import negligible
 from simgap.notation import capitalised, few, from_to, joined
 
 _SPAN = 0.25 * BRIEF_S  # s over which a rate is taken
@@ -57,14 +58,13 @@ def push_faults(spans: Sequence[Span], known: Problem, names: Sequence[str]) -> 
 
 
 def filtered_channels(search: Search, found: Explanation) -> tuple[RecordingFault, ...]:
-    """Velocities that were found to be filtered while their position is measured: they are left out from here on."""
+    """Velocities that were found to be filtered, by what matters, while their position is measured: they are left out
+    from here on."""
     model = search.problem.model
     position = {c.velocity: c.position for c in model.model.coordinates}
-    return tuple(
-        c.effect.left_out(c.on, float(found.fit.theta[c.slots[0]]))
-        for c in found.members
-        if isinstance(c.effect, FilteredVelocity) and position[c.on] in model.measured
-    )
+    filters = [c for c in found.members if isinstance(c.effect, FilteredVelocity) and position[c.on] in model.measured]
+    slight = negligible(search, found, filters)
+    return tuple(c.effect.left_out(c.on, float(found.fit.theta[c.slots[0]])) for c in filters if c not in slight)
 
 
 def faint_memory(problem: Problem, at: Fit) -> tuple[str, ...]:

@@ -47,7 +47,7 @@ def real(search: Search, found: Explanation, at_floor: bool) -> Explanation:
     the place of those that refine it by a number the data do not give, where that is as good; one after another, the
     rest fitted again."""
     while found.members:
-        gone = vanished(search, found, at_floor) or (negligible(search, found) if at_floor else [])
+        gone = vanished(search, found, at_floor) or (negligible(search, found, found.members) if at_floor else [])
         if gone:
             found = search.without(found, gone[0])
             continue
@@ -75,15 +75,15 @@ def errors_of(search: Search, found: Explanation, at_floor: bool) -> tuple[Float
     return errors, degrees_of_freedom(search.problem, found.fit, at_floor)
 
 
-def negligible(search: Search, found: Explanation) -> list[Candidate]:
-    """Members without which, the others fitted again, the predictions miss by next to nothing of the noise more.
+def negligible(search: Search, found: Explanation, among: Sequence[Candidate]) -> list[Candidate]:
+    """Those `among` its members without which, the others fitted again, the predictions miss by next to nothing of the noise more.
 
     Nothing more is fitted where a search was stopped.
     """
     if search.watch.stopped:
         return []
     bar = MATTERS**2 * search.problem.size
-    return [c for c in found.members if search.without(found, c).fit.chi2 - found.fit.chi2 < bar]
+    return [c for c in among if search.without(found, c).fit.chi2 - found.fit.chi2 < bar]
 
 
 def slight(search: Search, found: Explanation, base: Fit) -> frozenset[Key]:
