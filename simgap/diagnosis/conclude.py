@@ -32,7 +32,7 @@ from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import FIT_QUALITY, LEAPS_ANYHOW, MATTERS, PLAUSIBLE_RATIO, SELDOM
 from simgap.diagnosis.verdict import answer
-from simgap.diagnosis.verdict.faults import extrapolated, faint_memory, noise_faults, push_faults
+from simgap.diagnosis.verdict.faults import extrapolated, faint_memory, noise_faults, push_faults, pushes
 from simgap.diagnosis.verdict.held_out import HeldOut, concentrated, excess_share, judge, judged, noise_floor
 from simgap.diagnosis.verdict.score import Errors, Gain, gained
 from simgap.diagnosis.verdict.sets import as_good, folds_agree, plausible, slight
@@ -45,9 +45,9 @@ def conclude(
     faults: tuple[RecordingFault, ...],
 ) -> Diagnosis:  # fmt: skip
     """From what was chosen to the answer; here alone *confirm* is looked at."""
-    known, confirm, horizon = parts.known, parts.confirm, settings.horizon_s
-    names = [trace.name for trace in record.traces]
-    chosen, evidence = confirmed(parts, choice, horizon)
+    horizon, names = settings.horizon_s, [trace.name for trace in record.traces]
+    parts, chosen, evidence = confirmed(parts, choice, horizon)
+    known, confirm = parts.known, parts.confirm
     old, base, search, watch = evidence.declared, chosen.base, chosen.search, chosen.search.watch
     grade = _graded(record, parts, chosen, evidence)
     word, named = grade.word, grade.named
@@ -86,7 +86,12 @@ def conclude(
         nearest=short,
         left_over=left,
         concentrated=concentrated(confirm, names, old, evidence.corrected),
-        recording=(*faults, *push_faults(parts.left_out, known, names), *seen, *noise_faults(known)),
+        recording=(
+            *faults,
+            *push_faults((*parts.left_out, *parts.disturbed), parts.every, names),
+            *seen,
+            *noise_faults(known),
+        ),
         steps=path,
     )
 
@@ -145,17 +150,21 @@ class _Grade:
 def _graded(record: Record, parts: Parts, chosen: Chosen, evidence: Evidence) -> _Grade:
     """The verdict by the evidence, held back where something else may have acted or fits better."""
     word = verdict(chosen.kept, evidence)
-    asked = parts.left_out and word in ("attributed", "none")
-    further = extrapolated(record, parts, chosen.kept.fit) if asked else ()
+    asked = (parts.left_out or parts.disturbed) and word in ("attributed", "none")
+    further = extrapolated(record, parts, chosen.kept.fit, evidence.corrected.states) if asked else ()
     word = "partial" if further and chosen.kept.members else word
     named = word in ("attributed", "partial") or (word == "none" and evidence.needed)
     others = _rivals(chosen) if named else []
-    unsure = (*answer.contested(others, chosen.found), *doubted(chosen.full.problem, chosen.kept))
+    pushed = (_PUSHED,) if parts.disturbed and word == "attributed" else ()
+    unsure = (*pushed, *answer.contested(others, chosen.found), *doubted(chosen.full.problem, chosen.kept))
     faint = faint_memory(parts.known, chosen.kept.fit) if word == "attributed" else ()
     word = "partial" if (unsure or faint) and word == "attributed" else word
     if word != "partial" or not evidence.at_noise:
         return _Grade(word, named, others, further, faint, (), unsure)
     return _Grade(word, named, others, further, faint, unsure or evidence.short_of(chosen.kept), ())
+
+
+_PUSHED = "Something seems to have pushed the plant in the data that confirm; those times were left out."
 
 
 def _rivals(chosen: Chosen) -> list[Rival]:
@@ -209,23 +218,28 @@ def nearest(chosen: Chosen, found: Explanation, evidence: Evidence) -> Nearest |
     return Nearest(effects, share, tuple(reason for holds, reason in reasons if holds))
 
 
-def confirmed(parts: Parts, chosen: Chosen, horizon_s: float) -> tuple[Chosen, Evidence]:
+def confirmed(parts: Parts, chosen: Chosen, horizon_s: float) -> tuple[Parts, Chosen, Evidence]:
     """The set and what *confirm* says of it; where that leaves doubt and halves disagree on a part, a smaller one.
 
     If no smaller one at the noise is steady, nothing is surely at it: sets compete by what they predict, as above it.
+    What confirms goes without a push, where a set that fits the other data down to their noise misses by that.
     """
-    declared = judge(parts.confirm, chosen.base.theta, horizon_s)
-    evidence = _evidence(parts, chosen, declared, horizon_s)
+    evidence = _evidence(parts, chosen, horizon_s)
+    spans = pushes(parts.confirm, chosen.kept.fit.theta) if chosen.at_floor and not evidence.corrected.at_noise else ()
+    if spans:
+        parts = parts.confirmed_without(spans)
+        evidence = _evidence(parts, chosen, horizon_s)
     if chosen.at_floor and not evidence.agree:
         less = _steadier(parts.known, chosen.full, chosen.kept)
         if less is not None or not chosen.search.watch.stopped:
             chosen = chosen.competing() if less is None else chosen.less(less)
-        evidence = _evidence(parts, chosen, declared, horizon_s)
-    return chosen, evidence
+        evidence = _evidence(parts, chosen, horizon_s)
+    return parts, chosen, evidence
 
 
-def _evidence(parts: Parts, chosen: Chosen, old: HeldOut, horizon_s: float) -> Evidence:
+def _evidence(parts: Parts, chosen: Chosen, horizon_s: float) -> Evidence:
     known, confirm = parts.known, parts.confirm
+    old = judge(confirm, chosen.base.theta, horizon_s)
     found, full, agree = chosen.kept, chosen.full, chosen.agree
     new = judge(confirm, found.fit.theta, horizon_s)
     share = excess_share(old, new, known.sigma)

@@ -36,7 +36,7 @@ from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.step_length import resolved_everywhere
 from simgap.diagnosis.thresholds import FAR, FIT_QUALITY, LEAPS_ANYHOW, MATTERS, MOST
-from simgap.diagnosis.verdict.faults import gross_spans
+from simgap.diagnosis.verdict.faults import around, gross_spans
 
 Found = TypeVar("Found")
 _HALVINGS = 3  # of the integration step
@@ -219,9 +219,7 @@ def under_its_law(plain: Hypothesis) -> Hypothesis | None:
         return replace(under, parts=parts.with_gross_errors(last, spans))
     if looked_again(plain.watch, lambda: _is_explained(plain.search, under.found)):
         return None
-    aside = 0.25 * under.search.problem.brief
-    around = tuple((k, a - aside, b + aside) for k, a, b in spans)
-    return under.on(parts.leaving_out(around).with_gross_errors(last, ()))
+    return under.on(parts.leaving_out(around(spans, under.search.problem)).with_gross_errors(last, ()))
 
 
 def _is_explained(plain: Search, found: Explanation) -> bool:

@@ -27,7 +27,7 @@ FRICTION = 0.6
 
 def _run(
     seed: int, pushes: tuple[tuple[float, float], ...] = (), limit: float = np.inf, drag: float = 0.0,
-    sigma: float = 5e-4,
+    sigma: float = 5e-4, friction: float = FRICTION,
 ) -> Trace:  # fmt: skip
     """A mass of 2 under dry friction by small steps; pushes: (from s, N), 0.1 s each; limit of the drive."""
     rng = np.random.default_rng(seed)
@@ -40,7 +40,7 @@ def _run(
         hand = sum(force for begin, force in pushes if begin <= now < begin + 0.1)
         for _ in range(FINE):
             v += DT / FINE * (min(max(u[k], -limit), limit) + hand - drag * v) / 2.0
-            grip = DT / FINE * FRICTION / 2.0
+            grip = DT / FINE * friction / 2.0
             v = 0.0 if abs(v) <= grip else v - np.copysign(grip, v)
             q += DT / FINE * v
     return Trace(f"run{seed}", t, np.array(out)[:, None] + sigma * rng.standard_normal((len(t), 1)), u[:, None])
@@ -94,6 +94,33 @@ def test_pushes_in_what_confirms_do_not_hide_what_is_missing():
     assert [e.name for e in d.effects] == ["coulomb_friction"]
     assert d.verdict == "partial"
     assert d.effects[0].parameters["F_c"].value == pytest.approx(FRICTION, rel=0.02)
+
+
+@pytest.mark.parametrize(("at", "force"), [(2.3, 6.0), (6.1, -5.0)])
+@pytest.mark.parametrize("confirms", [4, 5])
+def test_a_push_in_what_confirms_is_told_and_keeps_from_attributed(confirms, at, force):
+    d = _answer(_run(1), _run(2), _run(confirms, ((at, force),)))
+    assert d.verdict == "partial"
+    (told,) = d.recording
+    assert told.fault == "push"
+    assert f"of run{confirms} (a push?)" in told.sentence
+    assert "pushed the plant in the data that confirm" in d.doubts[0] or d.unconfirmed
+    assert [e.name for e in d.effects] == ["coulomb_friction"]
+    assert d.effects[0].parameters["F_c"].value == pytest.approx(FRICTION, rel=0.01)
+    assert d.after.held_out_ratio < 1.05
+
+
+def test_what_a_wrong_model_misses_in_what_confirms_is_no_push():
+    d = _answer(_run(1), _run(2), _run(4, ((2.3, 6.0),)), effects=("spring",))
+    assert (d.verdict, d.recording) == ("unexplained", ())
+
+
+def test_a_right_model_is_right_though_somebody_touched_what_confirms():
+    runs = (_run(21, friction=0.0), _run(22, friction=0.0), _run(24, ((6.31, 12.0),), friction=0.0))
+    settings = DiagnosisSettings(noise={"q": 5e-4}, held_out_traces=("run24",))
+    d = diagnose(block(), Record(runs, ("q",), ("u",)), settings)
+    assert d.verdict == "none"
+    assert [f.fault for f in d.recording] == ["push"]
 
 
 @pytest.mark.parametrize("at", [0.0, 9.85])
@@ -267,4 +294,12 @@ def test_a_brake_at_a_speed_that_the_data_that_confirm_never_reach_is_not_attrib
     d = _answer(_braked(1, True), _braked(2, False), _braked(4, False))
     assert [f.fault for f in d.recording] == ["push"]
     assert d.verdict == "partial"
+    assert d.unconfirmed == ("q",)
+
+
+def test_a_brake_that_acts_where_only_the_data_that_confirm_go_is_told_as_such():
+    """Nothing else says whether that was a push."""
+    d = _answer(_braked(2, False), _braked(4, False), _braked(1, True))
+    assert d.verdict == "partial"
+    assert [f.fault for f in d.recording] == ["push"]
     assert d.unconfirmed == ("q",)

@@ -169,12 +169,14 @@ def test_an_effect_is_believed_by_its_ratios(name, values, believed):
 def test_where_halves_disagree_on_what_is_at_the_noise_sets_compete(smaller, put, monkeypatch):
     monkeypatch.setattr(conclude, "judge", lambda *_: None)
     monkeypatch.setattr(conclude, "_steadier", lambda *_: smaller)
-    monkeypatch.setattr(conclude, "_evidence", lambda parts, chosen, *_: SimpleNamespace(agree=chosen == put))
+    at_all = SimpleNamespace(at_noise=True)
+    told = lambda parts, chosen, *_: SimpleNamespace(agree=chosen == put, corrected=at_all)  # noqa: E731
+    monkeypatch.setattr(conclude, "_evidence", told)
     at_noise = SimpleNamespace(
         at_floor=True, full=None, kept=None, base=SimpleNamespace(theta=None), search=SimpleNamespace(watch=Watch()),
         less=lambda _: "a part", competing=lambda: "what predicts best",
     )  # fmt: skip
-    chosen, evidence = conclude.confirmed(SimpleNamespace(confirm=None, known=None), at_noise, 0.2)
+    _, chosen, evidence = conclude.confirmed(SimpleNamespace(confirm=None, known=None), at_noise, 0.2)
     assert (chosen, evidence.agree) == (put, True)
 
 

@@ -63,6 +63,15 @@ class Windows:
         few = np.maximum(np.ceil(share * whole).astype(np.int64), MIN_SAMPLES)
         return replace(self, stop=self.start + np.minimum(few, whole))
 
+    def beside(self, others: Windows) -> Windows:
+        """These and others."""
+        pairs = zip(
+            (self.start, self.stop, self.first, self.trace),
+            (others.start, others.stop, others.first, others.trace),
+            strict=True,
+        )
+        return Windows(*map(np.concatenate, pairs))
+
     @property
     def samples(self) -> int:
         """Samples of all windows together."""

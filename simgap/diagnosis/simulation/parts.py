@@ -28,7 +28,8 @@ class Parts:
         fit, choose: effects fitted to the one are judged on the other, where sets of them compete.
         confirm: windows that are judged once, at the end.
         window_s: length of the windows, s.
-        left_out: times that were cut out of the others, where gross errors follow one another.
+        left_out: times that were cut out of the others, where gross errors follow one another; disturbed: the same of
+            `confirm`.
     """
 
     known: Problem
@@ -37,6 +38,12 @@ class Parts:
     confirm: Problem
     window_s: float
     left_out: tuple[Span, ...] = ()
+    disturbed: tuple[Span, ...] = ()
+
+    @property
+    def every(self) -> Problem:
+        """The windows of all folds."""
+        return self.known.on(self.known.windows.beside(self.confirm.windows))
 
     def past_the_unknown(self, reach_s: float) -> Parts:
         """The same without the samples on which commands from before the record may still act."""
@@ -56,6 +63,11 @@ class Parts:
         """The same without those times in what is fitted and in what chooses; what confirms is kept whole."""
         parts = self.changed(lambda p: p.on(left_out(p.windows, p.t, spans)))
         return replace(parts, confirm=self.confirm, left_out=spans)
+
+    def confirmed_without(self, spans: tuple[Span, ...]) -> Parts:
+        """The same without those times in what confirms."""
+        confirm = self.confirm.on(left_out(self.confirm.windows, self.confirm.t, spans))
+        return replace(self, confirm=confirm, disturbed=spans)
 
     def with_tier(self, settings: DiagnosisSettings, second: bool, last: bool) -> Parts:
         """The same windows and law of the noise with other candidates: see `parts_of`."""

@@ -3,34 +3,37 @@
 A push may be none. A stop at the end of a range, a collision, a drive that saturates: what the model lacks at places
 that nothing else visits looks like one. It acts from where the plant is: readings that leave the prediction while
 everything is still within what *confirm* saw were not driven off by a place, a speed or a command beyond that. What
-happens after they left it is the push's own doing. Fitted data count too, as they are down to the noise, where they
-clearly go further.
+happens after they left it is the push's own doing. The data that it was cut out of count too, as they are down to the
+noise, where they clearly go further; of a push in *confirm* they are that, and fitted data what *confirm* saw.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from simgap.arrays import Bools, Floats
 from simgap.diagnosis.record.faults.measurement import FilteredVelocity
 from simgap.diagnosis.record.faults.registry import ColouredNoise, Push
-from simgap.diagnosis.record.folds import Span, Windows, merged
+from simgap.diagnosis.record.folds import Span, Windows, cut_at, merged
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import RecordingFault
 from simgap.diagnosis.search.explanations import Explanation, Search
-from simgap.diagnosis.search.fit import Fit
+from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.noise_colour import OWN, memory_left
+from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.noise_law import are_gross
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import state_columns, state_steps
-from simgap.diagnosis.thresholds import BRIEF_S, FAR, SEVERAL
+from simgap.diagnosis.thresholds import A_FEW, BRIEF_S, FAR, SEVERAL
 from simgap.diagnosis.verdict.sets import negligible
 from simgap.notation import capitalised, few, from_to, joined
 
 _SPAN = 0.25 * BRIEF_S  # s over which a rate is taken
+_AGAIN = 2  # looks at gross errors, each with windows cut where the one before saw them
 
 
 def gross_spans(known: Problem, at: Fit) -> tuple[Span, ...]:
@@ -42,16 +45,41 @@ def gross_spans(known: Problem, at: Fit) -> tuple[Span, ...]:
     return tuple((int(own[0]), float(at[0]), float(at[-1])) for own, at in groups if len(at) >= SEVERAL)
 
 
-def push_faults(spans: Sequence[Span], known: Problem, names: Sequence[str]) -> tuple[RecordingFault, ...]:
-    """What weighed nothing in a fit to the known windows, in words."""
+def around(spans: Sequence[Span], problem: Problem) -> tuple[Span, ...]:
+    """The times in which gross errors follow one another with what may belong to them, before and after."""
+    aside = 0.25 * problem.brief
+    return tuple((k, a - aside, b + aside) for k, a, b in spans)
+
+
+def pushes(held: Problem, theta: Floats) -> tuple[Span, ...]:
+    """Times in which gross errors follow one another in windows that nothing is fitted to; none where they last long.
+
+    Windows are cut where they begin and end, as each part has an initial state of its own.
+    """
+    spans: tuple[Span, ...] = ()
+    seen = spans
+    for _ in range(_AGAIN):
+        part = replace(held.on(cut_at(held.windows, held.t, seen)), usual=held.sigma)
+        seen = gross_spans(part, fit(part, theta, initial_states(part), [], {}))
+        if not seen:  # what begins and ends windows is in none
+            break
+        spans = seen
+    w = held.windows
+    whole = around(spans, held)
+    few = sum(b - a for _, a, b in whole) <= A_FEW * float(np.sum(held.t[w.stop - 1] - held.t[w.start]))
+    return whole if few else ()
+
+
+def push_faults(spans: Sequence[Span], problem: Problem, names: Sequence[str]) -> tuple[RecordingFault, ...]:
+    """What weighed nothing beside the windows of a problem, in words."""
     if not spans:
         return ()
-    first, last = known.t[known.firsts], known.t[known.edges[1:] - 1]
-    spans = [(k, max(a, float(first[k])), min(b, float(last[k]))) for k, a, b in spans]
+    first, last = problem.t[problem.firsts], problem.t[problem.edges[1:] - 1]
+    spans = [(k, max(a, float(first[k])), min(b, float(last[k]))) for k, a, b in sorted(spans)]
     places, lasts = [f"{from_to(a, b)} of {names[k]}" for k, a, b in spans], sum(b - a for _, a, b in spans)
-    kept = float(np.sum(known.t[known.windows.stop - 1] - known.t[known.windows.start]))
+    kept = float(np.sum(problem.t[problem.windows.stop - 1] - problem.t[problem.windows.start]))
     sentence = (
-        f"{capitalised(joined(few(places)))} (a push?): {100 * lasts / (lasts + kept):.2g} % of the fitted time has no "
+        f"{capitalised(joined(few(places)))} (a push?): {100 * lasts / (lasts + kept):.2g} % of the time has no "
         "weight: it stands out, and no effect that was tried explains it."
     )
     return (Push().told("", lasts, sentence),)
@@ -62,9 +90,12 @@ def filtered_channels(search: Search, found: Explanation) -> tuple[RecordingFaul
     from here on."""
     model = search.problem.model
     position = {c.velocity: c.position for c in model.model.coordinates}
-    filters = [c for c in found.members if isinstance(c.effect, FilteredVelocity) and position[c.on] in model.measured]
-    slight = negligible(search, found, filters)
-    return tuple(c.effect.left_out(c.on, float(found.fit.theta[c.slots[0]])) for c in filters if c not in slight)
+    return tuple(
+        c.effect.left_out(c.on, float(found.fit.theta[c.slots[0]]))
+        for c in found.members
+        if isinstance(c.effect, FilteredVelocity) and position[c.on] in model.measured
+        if not negligible(search, found, [c])
+    )
 
 
 def faint_memory(problem: Problem, at: Fit) -> tuple[str, ...]:
@@ -87,7 +118,7 @@ def noise_faults(problem: Problem) -> Iterable[RecordingFault]:
     return ColouredNoise().of(zip(problem.model.measured, shared, tau, strict=True), lasts)
 
 
-def extrapolated(record: Record, parts: Parts, at: Fit) -> tuple[str, ...]:
+def extrapolated(record: Record, parts: Parts, at: Fit, held: Floats) -> tuple[str, ...]:
     """Readings and inputs that are, where a time left out begins, where nothing else in the record was, by name.
 
     It begins until a reading leaves the prediction from the window before; where there is none, all of it counts. A
@@ -96,24 +127,26 @@ def extrapolated(record: Record, parts: Parts, at: Fit) -> tuple[str, ...]:
 
     Args:
         record: the data; parts: its folds, without the times left out.
-        at: the answer, fitted to what is known.
+        at: the answer, fitted to what is known; held: (w, nx) initial states of the windows that confirm.
     """
     known, confirm = parts.known, parts.confirm
     k, reach = len(record.measured), known.reach(at.theta)
     noise = np.concatenate([confirm.sigma, np.zeros(len(record.inputs)), np.sqrt(2.0) * confirm.sigma / _SPAN])
-    slack = FAR * noise
-    low, high = (np.concatenate(each) for each in zip(_ranges(confirm, slack), _ranges(known, -slack), strict=True))
-    further = np.zeros(len(slack), dtype=bool)
-    for left in parts.left_out:
-        trace, begin, end = record.traces[left[0]], left[1], _leaves(known, at, left)
-        around = _between(trace, begin - _SPAN, max(end, begin + _SPAN))
-        for columns, values in (
-            (slice(0, k), trace.y[_between(trace, begin, end)]),
-            (slice(k, -k), trace.u[_between(trace, begin - reach, end)]),
-            (slice(-k, None), _rates(trace.t[around], trace.y[around])),
-        ):
-            inside = (values[:, None] >= low[:, columns]) & (values[:, None] <= high[:, columns])
-            further[columns] |= ~inside.any(axis=1).all(axis=0)  # somewhere in none of the ranges
+    slack, further = FAR * noise, np.zeros(len(noise), dtype=bool)
+    every, states = parts.every, np.vstack([at.x0, held])
+    for spans, own, others in ((parts.left_out, known, confirm), (parts.disturbed, confirm, known)):
+        pairs = zip(_ranges(others, slack), _ranges(own, -slack), strict=True)
+        low, high = (np.concatenate(each) for each in pairs)
+        for left in spans:
+            trace, begin, end = record.traces[left[0]], left[1], _leaves(every, at.theta, states, left)
+            beside = _between(trace, begin - _SPAN, max(end, begin + _SPAN))
+            for columns, values in (
+                (slice(0, k), trace.y[_between(trace, begin, end)]),
+                (slice(k, -k), trace.u[_between(trace, begin - reach, end)]),
+                (slice(-k, None), _rates(trace.t[beside], trace.y[beside])),
+            ):
+                inside = (values[:, None] >= low[:, columns]) & (values[:, None] <= high[:, columns])
+                further[columns] |= ~inside.any(axis=1).all(axis=0)  # somewhere in none of the ranges
     further[:k] |= further[-k:]
     return tuple(n for n, is_further in zip((*record.measured, *record.inputs), further, strict=False) if is_further)
 
@@ -141,7 +174,7 @@ def _rates(t: Floats, y: Floats) -> Floats:
     return np.asarray((y[m:] - y[:-m]) / (t[m:] - t[:-m])[:, None])
 
 
-def _leaves(known: Problem, at: Fit, left: Span) -> float:
+def _leaves(known: Problem, theta: Floats, states: Floats, left: Span) -> float:
     """When a reading leaves what is foreseen from the window before, for good; the end of the time if none does, s.
 
     For good: it and the next one are `FAR` standard deviations off, of the noise and of what the noise of that
@@ -159,11 +192,11 @@ def _leaves(known: Problem, at: Fit, left: Span) -> float:
     if t[b] < begin or last - b < 2:  # something else lies between
         return end
     part = known.on(Windows(*(np.array([v]) for v in (a, last, first, which))))
-    x0 = at.x0[own : own + 1]
-    miss, states = state_columns(part, at.theta, x0, state_steps(x0), Problem.misses)
-    fitted = states[:, : b - a].reshape(len(states), -1)
+    x0 = states[own : own + 1]
+    miss, moved = state_columns(part, theta, x0, state_steps(x0), Problem.misses)
+    fitted = moved[:, : b - a].reshape(len(moved), -1)
     spread = np.linalg.pinv(fitted @ fitted.T, rcond=1e-12)
-    size = np.sqrt(1.0 + np.einsum("irk,ij,jrk->rk", states, spread, states))
+    size = np.sqrt(1.0 + np.einsum("irk,ij,jrk->rk", moved, spread, moved))
     off = np.any(np.abs(miss) > FAR * size, axis=1)[b - a :]
     gone = np.flatnonzero(off[:-1] & off[1:])
     return float(t[b + gone[0]]) if gone.size else end

@@ -76,7 +76,8 @@ def errors_of(search: Search, found: Explanation, at_floor: bool) -> tuple[Float
 
 
 def negligible(search: Search, found: Explanation, among: Sequence[Candidate]) -> list[Candidate]:
-    """Those `among` its members without which, the others fitted again, the predictions miss by next to nothing of the noise more.
+    """Members, `among` a few, without which, the rest fitted again, predictions miss by next to nothing of the noise
+    more.
 
     Nothing more is fitted where a search was stopped.
     """
