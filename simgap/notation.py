@@ -96,7 +96,7 @@ def with_error(value: float, half: float, unit: str = "") -> str:
     size = 10.0 ** math.floor(math.log10(half))
     leading = round(half / size, 1)
     digits = -round(math.log10(size)) + (1 if leading < 2.0 and leading != 1.0 else 0)  # 0.01, 0.012 and 0.3
-    if digits > 7:
+    if not -4 < digits <= 7:
         power = math.floor(math.log10(max(abs(value), half)))
         least = max(power - math.floor(math.log10(half)), 0)
         scale = 10.0**-power

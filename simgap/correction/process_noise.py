@@ -22,9 +22,9 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.correction.transitions import joined, mean_input
 from simgap.diagnosis.result import WindowPrediction
-from simgap.diagnosis.verdict.missing import compiled
 from simgap.late import scipy
 from simgap.late import sympy as sp
+from simgap.model.compile import compile_columns
 from simgap.model.symbolic import SymbolicModel
 
 _STEPS, _PIECES, _MOST = 20, 4, 200
@@ -122,7 +122,7 @@ class _Plant:
         positions = {c.position for c in model.coordinates}
         velocities = {c.velocity for c in model.coordinates if c.position in measured}
         self.forced = [j for j, n in enumerate(names) if n not in positions and (n in measured or n in velocities)]
-        self.rate = compiled(list(model.numeric()), [*names, *model.input_names])
+        self.rate = compile_columns(list(model.numeric()), [*names, *model.input_names])
         dt = min(float(np.median(np.diff(w.t))) for w in windows)
         self.pieces = min(max(_PIECES * math.ceil(step / dt * (1 - 1e-9)), 2 * _PIECES), _MOST)
         spread = np.concatenate([w.states for w in windows]).std(axis=0)

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from simgap.arrays import Floats
 from simgap.diagnosis.result import WindowPrediction
-from simgap.diagnosis.verdict.missing import compiled
 from simgap.late import scipy
 from simgap.late import sympy as sp
+from simgap.model.compile import compile_columns
 from simgap.model.symbolic import SymbolicModel
 from simgap.signals import savgol_coeffs, savgol_filter
 
@@ -144,7 +144,7 @@ def force_ratio(
     for c in model.coordinates:
         row = model.state_names.index(c.velocity)
         exprs = [sp.sympify(column[row]).subs(model.values()) for column in model.force_map.values()]
-        own, usual = (np.abs(compiled(exprs, names)(list(x.T))).sum(axis=0) for x in (part.start, as_declared))
+        own, usual = (np.abs(compile_columns(exprs, names)(list(x.T))).sum(axis=0) for x in (part.start, as_declared))
         for k in (k for k, n in enumerate(states) if n in (c.position, c.velocity)):
             ratio[:, k] = own / usual
     return ratio
@@ -178,7 +178,7 @@ def _commands(w: WindowPrediction, at: Floats, model: SymbolicModel, late: Mappi
 
 def _integrated(model: SymbolicModel, x: Floats, commands: Commands, seconds: float, pieces: int) -> Floats:
     """States after some seconds in steps of the explicit midpoint: (n, nx) -> (n, nx)."""
-    rate = compiled(list(model.numeric()), [*model.state_names, *model.input_names])
+    rate = compile_columns(list(model.numeric()), [*model.state_names, *model.input_names])
     x, h = x.T.copy(), seconds / pieces
     for k in range(pieces):
         u = commands(k * h, h)

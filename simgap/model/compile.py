@@ -24,10 +24,12 @@ from typing import Any
 import numpy as np
 
 from simgap import reading
+from simgap.arrays import Floats
 from simgap.cache import cache_folder, kernel_sources, whole_file
 from simgap.errors import UserError
 from simgap.late import numba
 from simgap.late import sympy as sp
+from simgap.model.symbolic import symbol
 
 Kernel = Callable[..., Any]
 _PACKAGE = "simgap_kernels"
@@ -195,6 +197,19 @@ def compile_interval_kernel(exprs: Sequence[sp.Expr], groups: Sequence[Sequence[
     printer = IntervalPrinter({"fully_qualified_modules": False, "allow_unknown_functions": True})
     function = sp.lambdify(ends, values, modules=[PRIMITIVES], printer=printer, cse=True)
     return cached_kernel(function)
+
+
+def compile_columns(exprs: Sequence[sp.Expr], names: Sequence[str]) -> Callable[[Sequence[Floats]], Floats]:
+    """A function of named columns (n,), in this order: -> (expressions, n)."""
+    function = sp.lambdify([symbol(n) for n in names], list(exprs), modules="numpy", cse=True)
+
+    def values(arguments: Sequence[Floats]) -> Floats:
+        out = np.empty((len(exprs), *np.shape(arguments[0])))
+        for row, column in zip(out, function(*arguments), strict=True):
+            row[...] = column
+        return out
+
+    return values
 
 
 def _indexed(

@@ -13,12 +13,12 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY
-from simgap.diagnosis.verdict.missing import Missing
 from simgap.diagnosis.verdict.words import phrase
 from simgap.io import figure_style as style
 from simgap.io.pages import render
 from simgap.notation import axis_label, joined, number, pretty_unit
 from simgap.report.explorer import Row, explored, line
+from simgap.report.missing import Missing
 
 TEMPLATE, ARM_TEMPLATE = "diagnosis.html.j2", "arm_diagnosis.html.j2"
 MOST_OVERLAYS, WINDOWS_SHOWN = 2, 6

@@ -26,7 +26,6 @@ from simgap.diagnosis.record.traces import Reading, same_file
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
 from simgap.diagnosis.search.watch import answered
 from simgap.diagnosis.thresholds import MOST
-from simgap.diagnosis.verdict.missing import Missing, missing_terms
 from simgap.effects import apply_effects, effect
 from simgap.errors import UserError
 from simgap.io.atomic import write_bytes, write_text
@@ -43,6 +42,7 @@ from simgap.plants.context import Context
 from simgap.report.diagnosis_document import arm_document, document
 from simgap.report.diagnosis_page import ARM_TEMPLATE, TEMPLATE, draw, draw_arm, page
 from simgap.report.measured_share import transition_columns
+from simgap.report.missing import Missing, missing_terms
 from simgap.stages import log
 
 ROUNDED = 1e-6

@@ -9,10 +9,10 @@ import yaml
 
 from simgap.config.load import parse_case
 from simgap.diagnosis.record.record import Record, Trace
-from simgap.diagnosis.verdict.missing import missing_terms
 from simgap.effects import AppliedEffect, apply_effects
 from simgap.model.symbolic import Coordinate, PlanarWheels, SymbolicModel, Variable, symbol
 from simgap.plants.plant_model import PlantModel
+from simgap.report.missing import missing_terms
 from tests.stages import diagnosis_example as example
 
 SIGMA = example.SIGMA

@@ -6,7 +6,7 @@ over thousands of samples shows the shape of a missing term all the same.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +15,8 @@ from simgap.arrays import Floats
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.thresholds import SURE
 from simgap.late import sympy as sp
-from simgap.model.symbolic import SymbolicModel, symbol
+from simgap.model.compile import compile_columns
+from simgap.model.symbolic import SymbolicModel
 from simgap.signals import savgol_coeffs, savgol_filter
 from simgap.units import full_turn
 
@@ -164,7 +165,7 @@ def _lack(motion: _Motion, model: SymbolicModel, rows: Sequence[str], shifts: Ma
     exprs = dict(zip(model.state_names, model.numeric(), strict=True))
     arguments = [values[n] for n in names]
     ends = [np.append(v[1:], v[-1]) if n in model.state_names else v for n, v in zip(names, arguments, strict=True)]
-    rates = compiled([exprs[r] for r in rows], names)
+    rates = compile_columns([exprs[r] for r in rows], names)
     modelled = 0.5 * (rates(arguments) + rates(ends))  # over each held input
     lack = np.empty_like(modelled)
     for i, r in enumerate(rows):
@@ -180,26 +181,13 @@ def _lack(motion: _Motion, model: SymbolicModel, rows: Sequence[str], shifts: Ma
             [sp.sympify(model.force_map[c.name][model.state_names.index(r)]).subs(numbers) for c in model.coordinates]
             for r in rows
         ]
-        flat = compiled([e for row in columns for e in row], names)(arguments)
+        flat = compile_columns([e for row in columns for e in row], names)(arguments)
         inverse_mass = flat.reshape(len(rows), len(rows), -1).transpose(2, 0, 1)
         return np.asarray(np.linalg.solve(inverse_mass, lack.T[:, :, None])[:, :, 0].T)
     if model.wheels is not None:
         c, s = np.cos(values[model.wheels.heading]), np.sin(values[model.wheels.heading])
         return np.stack([c * lack[0] + s * lack[1], c * lack[1] - s * lack[0], lack[2]])
     return lack
-
-
-def compiled(exprs: Sequence[sp.Expr], names: Sequence[str]) -> Callable[[Sequence[Floats]], Floats]:
-    """A function of named columns (n,), in this order: -> (expressions, n)."""
-    function = sp.lambdify([symbol(n) for n in names], list(exprs), modules="numpy", cse=True)
-
-    def values(arguments: Sequence[Floats]) -> Floats:
-        out = np.empty((len(exprs), *np.shape(arguments[0])))
-        for row, column in zip(out, function(*arguments), strict=True):
-            row[...] = column
-        return out
-
-    return values
 
 
 def _binned(x: Floats, y: Floats, thin: float) -> Binned:
