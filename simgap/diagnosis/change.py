@@ -44,7 +44,7 @@ def sides_apart(
     if change is None:
         return None
     before, after = _cut(record, change, settings.window_s)
-    if before is None or after is None or not _move_alike(before, after):
+    if before is None or after is None or not _driven_alike(before, after):
         return None
 
     def whole(side: Record) -> Diagnosis | None:
@@ -65,18 +65,20 @@ def sides_apart(
     return None if fault is None else replace(main, recording=(*main.recording, fault))
 
 
-def _move_alike(before: Record, after: Record) -> bool:
-    """Whether both sides move and are driven over ranges of like size.
+def _driven_alike(before: Record, after: Record) -> bool:
+    """Whether both sides are driven over ranges of like size, or move so where nothing drives them.
 
-    If they do not, an effect that no number of the library describes acts differently in each, and the plant is the
-    same. Standard deviations of readings and inputs, trace by trace together; a channel at rest in both is alike.
+    If they are not, an effect that no number of the library describes acts differently in each, and the plant is the
+    same; a plant that is driven alike and moves otherwise is another one. Standard deviations, trace by trace together;
+    a channel at rest in both is alike.
     """
 
-    def spread(record: Record) -> np.ndarray:
-        rows = [np.column_stack([trace.y, trace.u]) for trace in record.traces]
+    def spread(record: Record, readings: bool) -> Floats:
+        rows = [trace.y if readings else trace.u for trace in record.traces]
         return np.asarray(np.sqrt(np.mean(np.concatenate([r - r.mean(axis=0) for r in rows]) ** 2, axis=0)))
 
-    first, second = spread(before), spread(after)
+    sides = [spread(side, False) for side in (before, after)]
+    first, second = sides if np.any(sides) else (spread(side, True) for side in (before, after))
     return bool(np.all(MOST * np.maximum(first, second) <= np.minimum(first, second)))
 
 

@@ -43,6 +43,15 @@ def test_friction_that_doubles_at_an_instant_is_told_with_both_numbers():
     assert "viscous friction at the slide" in change.sentence
 
 
+def test_friction_that_nearly_stops_the_motion_is_told():
+    hidden = Hidden(viscous={"hinge": 0.1}, after=(0, 13.0), later=Hidden(viscous={"hinge": 0.9}))
+    d = _diagnosed(pendulum(), hidden)
+    (change,) = _changes(d)
+    assert change.value == pytest.approx(13.0, abs=1.0)
+    assert "viscous friction of 0.90" in change.sentence.split(" before, ")[1]
+    assert _only(d.effects[0]).value == pytest.approx(0.1, rel=0.01)
+
+
 def test_sides_that_name_different_effects_are_no_change():
     """Neither set is what the plant lacks, then: an effect that no number of the library describes acts in both."""
     was, now = Hidden(viscous={"slide": 0.5}), Hidden(coulomb={"slide": 0.6})
