@@ -9,7 +9,7 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.diagnosis.record.folds import Windows
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.simulation.sensitivity import state_steps, sums
+from simgap.diagnosis.simulation.sensitivity import state_columns, state_steps, sums
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
 
@@ -72,12 +72,9 @@ def _grown(problem: Problem, start: int, stop: int, first: int, trace: int) -> f
     around, ends = np.full(len(edges) - 1, first), np.full(len(edges) - 1, trace)
     beyond = np.minimum(edges[:-1] + max(_SPANS), problem.edges[trace + 1])
     x0 = initial_states(problem.on(Windows(edges[:-1], beyond, around, ends)))
-    pieces, steps = problem.on(Windows(edges[:-1], edges[1:] + 1, around, ends)).shifted, state_steps(x0)
-    shifts = np.vstack([np.zeros(len(steps)), np.diag(steps)])
-    reached = pieces.states(pieces.model.null, (x0 + shifts[:, None]).reshape(-1, len(steps)))[pieces.rows[1:] - 1]
-    here, *away = reached.reshape(len(shifts), len(x0), -1)
-    moves = np.stack([(x - here) / step for x, step in zip(away, steps, strict=True)], axis=2)
-    moved = np.array(list(itertools.accumulate(moves, lambda so_far, move: move @ so_far)))[:, read]
+    pieces = problem.on(Windows(edges[:-1], edges[1:] + 1, around, ends))
+    moves = state_columns(pieces, pieces.model.null, x0, state_steps(x0), Problem.states)[1][:, pieces.rows[1:] - 1]
+    moved = np.array(list(itertools.accumulate(moves.transpose(1, 2, 0), lambda so_far, move: move @ so_far)))[:, read]
     size = np.max(np.abs(moved) / problem.sigma[:, None], axis=1)
     half = max(len(size) // 2, 1)
     was, now = np.max(size[:half], axis=0), np.max(size[half:], axis=0, initial=0.0)

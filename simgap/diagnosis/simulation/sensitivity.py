@@ -158,9 +158,10 @@ def state_columns(
 
     Where a step moves a reading by more than `_BENDS`, a window may bend within it: there by much shorter ones.
     """
-    nx, k = x0.shape[1], problem.y.shape[1]
+    nx = x0.shape[1]
     shifts = np.vstack([np.zeros(nx), np.diag(steps)])
-    all_of_them = missed(problem.shifted, theta, (x0 + shifts[:, None]).reshape(-1, nx)).reshape(nx + 1, -1, k)
+    flat = missed(problem.shifted, theta, (x0 + shifts[:, None]).reshape(-1, nx))
+    all_of_them = flat.reshape(nx + 1, -1, flat.shape[1])
     moved = all_of_them[0] - all_of_them[1:]
     columns, largest = moved / steps[:, None, None], np.abs(moved).max(axis=(0, 2), initial=0.0)
     most = np.maximum.reduceat(largest, problem.rows[:-1])

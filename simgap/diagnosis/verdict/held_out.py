@@ -22,7 +22,7 @@ from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.noise_law import are_gross, limited
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.simulation.sensitivity import state_steps
+from simgap.diagnosis.simulation.sensitivity import state_columns, state_steps
 from simgap.diagnosis.thresholds import A_FEW, MOST
 from simgap.diagnosis.verdict.score import Errors
 
@@ -206,18 +206,13 @@ def _instants(problem: Problem, horizon: float) -> Ints:
 def _floor(at: Problem, whole: Problem, theta: Floats, start: Floats) -> Floats:
     """F(h) from the covariance of the look-back's state estimate, carried to the end."""
     steps = state_steps(start)
-
-    def moved(missed: Callable[[Floats, Floats], Floats]) -> Floats:
-        """What each number of the states at the start does to the predictions, (rows, k, nx)."""
-        ends = [missed(theta, start - shift) - missed(theta, start + shift) for shift in np.diag(steps)]
-        return np.stack(ends, axis=2) / (2 * steps)
-
-    back, ahead = moved(at.residuals), moved(whole.misses)[whole.rows[1:] - 1]
-    variance = np.ones(ahead.shape[:2])
+    back = state_columns(at, theta, start, steps)[1]
+    ahead = state_columns(whole, theta, start, steps, Problem.misses)[1][:, whole.rows[1:] - 1]
+    variance = np.ones(ahead.shape[1:])
     for w, (a, b) in enumerate(itertools.pairwise(at.rows)):
-        own = back[a:b].reshape(-1, len(steps))
-        covariance = np.linalg.pinv(own.T @ own, rcond=1e-12)
-        variance[w] += np.einsum("ki,ij,kj->k", ahead[w], covariance, ahead[w])
+        own = back[:, a:b].reshape(len(steps), -1)
+        covariance = np.linalg.pinv(own @ own.T, rcond=1e-12)
+        variance[w] += np.einsum("ik,ij,jk->k", ahead[:, w], covariance, ahead[:, w])
     return np.asarray(np.sqrt(np.mean(variance, axis=0)) * at.sigma)
 
 
