@@ -223,10 +223,19 @@ def under_its_law(plain: Hypothesis) -> Hypothesis | None:
 
 
 def _is_explained(plain: Search, found: Explanation) -> bool:
-    """Whether what was found, it with one effect more or with a finer one, explains what looked like gross errors."""
+    """Whether what was found, it with one effect more, or with another or a finer one in the place of one, explains
+    what looked like gross errors."""
     apart = Search(plain.problem, plain.starts, plain.scale, ends=plain.ends, watch=plain.watch)
     known = apart.explain(found.members, found.fit.theta, found.fit)
-    return explained_by_one_more(apart, known) or any(apart.reached(e) for e in apart.refined(known))
+    return explained_by_one_more(apart, known) or any(
+        apart.reached(e) for e in (*apart.refined(known), *_in_place(apart, known))
+    )
+
+
+def _in_place(search: Search, known: Explanation) -> list[Explanation]:
+    """What could stand in the place of a set, fitted."""
+    rivals(search, known)
+    return search.sound(len(known.members))
 
 
 def _grown_from(under: Hypothesis, most: int, pairs: int) -> Hypothesis:

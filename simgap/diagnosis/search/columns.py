@@ -126,9 +126,16 @@ def _best_by_trial(problem: Problem, options: Sequence[Columns]) -> Columns | No
     plant in its place, as a better gain does. A large missing effect hides a wrong unit from the declared model: where
     no option is better by far, each is tried once more with these free, those out of sight aside. Small inputs and
     large readings take the plant out of sight: such a factor must also do better than one that leaves nothing of it.
+    Windows are so short that the model stays where the readings are: what falls from there tells nothing of columns.
     """
     part, _ = problem.some()
-    own = _begun(part, np.inf)
+    own, whole = (
+        _begun(part, np.inf),
+        np.mean((np.nanmax(part.y, axis=0) - np.nanmin(part.y, axis=0)) ** 2 / part.sigma**2),
+    )
+    while own.left > whole and (shorter := part.windows.begun(0.5)).samples < part.windows.samples:
+        part = part.on(shorter)
+        own = _begun(part, np.inf)
     if (alone := own.left) < OUT_OF_SIGHT:
         return None
     far = OUT_OF_SIGHT * alone

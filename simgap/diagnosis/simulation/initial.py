@@ -69,17 +69,20 @@ def _grown(problem: Problem, start: int, stop: int, first: int, trace: int) -> f
     names = problem.model.model.state_names
     read = [names.index(name) for name in problem.model.measured]
     edges = np.unique(np.ceil(np.linspace(start, stop - 1, 2 * _PIECES + 1)).astype(np.int64))
-    around, ends = np.full(len(edges) - 1, first), np.full(len(edges) - 1, trace)
+    firsts, traces = (np.full(len(edges) - 1, own) for own in (first, trace))
     beyond = np.minimum(edges[:-1] + max(_SPANS), problem.edges[trace + 1])
-    x0 = initial_states(problem.on(Windows(edges[:-1], beyond, around, ends)))
-    pieces = problem.on(Windows(edges[:-1], edges[1:] + 1, around, ends))
+    x0 = initial_states(problem.on(Windows(edges[:-1], beyond, firsts, traces)))
+    pieces = problem.on(Windows(edges[:-1], edges[1:] + 1, firsts, traces))
     moves = state_columns(pieces, pieces.model.null, x0, state_steps(x0), Problem.states)[1][:, pieces.rows[1:] - 1]
-    moved = np.array(list(itertools.accumulate(moves.transpose(1, 2, 0), lambda so_far, move: move @ so_far)))[:, read]
+    with np.errstate(over="ignore", invalid="ignore"):
+        chain = itertools.accumulate(moves.transpose(1, 2, 0), lambda so_far, move: move @ so_far)
+        moved = np.array(list(chain))[:, read]
+    if not np.isfinite(moved).all():
+        return np.inf
     size = np.max(np.abs(moved) / problem.sigma[:, None], axis=1)
     half = max(len(size) // 2, 1)
     was, now = np.max(size[:half], axis=0), np.max(size[half:], axis=0, initial=0.0)
-    grown = np.max(np.divide(now, was, out=np.zeros_like(now), where=was > 0.0))
-    return float(grown) if np.isfinite(moved).all() else np.inf
+    return float(np.max(np.divide(now, was, out=np.zeros_like(now), where=was > 0.0)))
 
 
 def _value_and_slope(t: Floats, y: Floats, sigma: float) -> tuple[float, float]:
