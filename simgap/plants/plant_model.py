@@ -167,8 +167,8 @@ def _coupled(a: str, b: str, why: str) -> UserError:
     return UserError(
         f"'{a}' and '{b}' look coupled ({why}), but force_gain says that a force on one moves it alone",
         key="plant.symbolic.coordinates",
-        remedy="Give plant.symbolic.mass_matrix in the order of the coordinates, diagonal if they are not coupled, and no "
-        "force_gain; or a force_map for each coordinate.",
+        remedy="Give plant.symbolic.mass_matrix in the order of the coordinates, diagonal if they are not coupled, "
+        "and no force_gain; or a force_map for each coordinate.",
     )
 
 

@@ -268,7 +268,8 @@ class Problem:
         for fault, column, slot in self.model.reading_faults:
             if theta[slot] != 0.0:
                 own = np.ascontiguousarray(out[:, column])
-                fault.distort(own, float(theta[slot]), self._stamps, self.readings[:, column], self.rows, self._since)
+                read, noise = self.readings[:, column], float(self.sigma[column])
+                fault.distort(own, float(theta[slot]), self._stamps, read, noise, self.rows, self._since)
                 out[:, column] = own
         return out
 

@@ -78,11 +78,13 @@ class ReadingFault(FittedFault):
         return model
 
     @abstractmethod
-    def distort(self, reading: Floats, value: float, t: Floats, measured: Floats, rows: Ints, since: Floats) -> None:
+    def distort(
+        self, reading: Floats, value: float, t: Floats, measured: Floats, noise: float, rows: Ints, since: Floats
+    ) -> None:
         """What the channel shows of a true reading (n,), in place.
 
         Args:
-            reading: predicted, window after window; measured: (n,) recorded.
+            reading: predicted, window after window; measured: (n,) recorded, with this noise.
             value: the number of the fault.
             t: (n,) s; since: (n,) s from the start of the trace.
             rows: (w + 1,) first row of each window.
@@ -102,7 +104,9 @@ class Drift(ReadingFault):
     source = "Ljung (1999), System Identification, sec. 14.1"
     parameters = (EffectParameter("rate", "{state}/s", "change of the sensor's zero", null=0.0),)
 
-    def distort(self, reading: Floats, value: float, t: Floats, measured: Floats, rows: Ints, since: Floats) -> None:
+    def distort(
+        self, reading: Floats, value: float, t: Floats, measured: Floats, noise: float, rows: Ints, since: Floats
+    ) -> None:
         """A ramp from the start of each trace."""
         reading += value * since
 
@@ -130,7 +134,9 @@ class FilteredVelocity(_Filtered):
     remedy = "Log {} before its filter, or leave its column out."
     formula = "lag y' = v - y"
 
-    def distort(self, reading: Floats, value: float, t: Floats, measured: Floats, rows: Ints, since: Floats) -> None:
+    def distort(
+        self, reading: Floats, value: float, t: Floats, measured: Floats, noise: float, rows: Ints, since: Floats
+    ) -> None:
         """The filter is exact between samples for a steady change; it begins at what was measured."""
         if value > 0.0:
             _filter(reading, value, t, np.ascontiguousarray(measured[rows[:-1]]), rows)
@@ -157,7 +163,9 @@ class FilteredReading(_Filtered):
     formula = "lag y' = x - y"
     stands_for = ("input_lag", "late_reading")
 
-    def distort(self, reading: Floats, value: float, t: Floats, measured: Floats, rows: Ints, since: Floats) -> None:
+    def distort(
+        self, reading: Floats, value: float, t: Floats, measured: Floats, noise: float, rows: Ints, since: Floats
+    ) -> None:
         """Exact between samples for a steady change; it begins as it would trail the parabola of the first samples."""
         if value > 0.0:
             begin = reading[rows[:-1]].copy()
@@ -190,10 +198,15 @@ class LateReading(ReadingFault):
     source = "Ljung (1999), System Identification, sec. 14.1"
     parameters = (EffectParameter("late", "s", "time from reading to log", null=0.0, lower=0.0, upper=1.0),)
 
-    def distort(self, reading: Floats, value: float, t: Floats, measured: Floats, rows: Ints, since: Floats) -> None:
-        """Each window as it was a moment before; before its start by the parabola through its beginning."""
+    def distort(
+        self, reading: Floats, value: float, t: Floats, measured: Floats, noise: float, rows: Ints, since: Floats
+    ) -> None:
+        """Each window as it was a moment before. What was before its start is not known.
+
+        Such readings miss by their noise, so that no delay is better for leaving more of them out.
+        """
         if value > 0.0:
-            _shift(reading, value, t, rows)
+            _shift(reading, value, t, np.ascontiguousarray(measured), noise, rows)
 
 
 @njit("float64(float64[::1], float64[::1], int64, int64, int64, float64)", cache=True)
@@ -205,26 +218,24 @@ def _parabola(reading: Floats, t: Floats, i: int, j: int, k: int, at: float) -> 
     return first + second + reading[k] * (at - a) * (at - b) / ((c - a) * (c - b))
 
 
-@njit("void(float64[::1], float64, float64[::1], int64[::1])", cache=True)
-def _shift(reading: Floats, late: float, t: Floats, rows: Ints) -> None:
+@njit("void(float64[::1], float64, float64[::1], float64[::1], float64, int64[::1])", cache=True)
+def _shift(reading: Floats, late: float, t: Floats, measured: Floats, noise: float, rows: Ints) -> None:
     for w in range(rows.size - 1):
         a, b = rows[w], rows[w + 1]
         if b - a < 3:
             continue
-        apart = 1
-        while a + 2 * (apart + 1) < b and t[a + apart] - t[a] < late:
-            apart += 1
         before = np.empty(b - a)
         j = b - 1
         for i in range(b - 1, a - 1, -1):
             at = t[i] - late
             while j > a and t[j] > at:
                 j -= 1
-            if t[j] > at:
-                before[i - a] = _parabola(reading, t, a, a + apart, a + 2 * apart, at)
-            else:
-                m = min(max(j, a + 1), b - 2)
-                before[i - a] = _parabola(reading, t, m - 1, m, m + 1, at)
+            m = min(max(j, a + 1), b - 2)
+            before[i - a] = _parabola(reading, t, m - 1, m, m + 1, at)
+            unknown = 0.5 * np.pi * min(max((t[a] - at) / (t[a + 1] - t[a]), 0.0), 1.0)
+            if unknown > 0.0:  # squares of misses stay as large as they are by chance
+                own, by_chance = measured[i] - before[i - a], noise if (i - a) % 2 else -noise
+                before[i - a] = measured[i] - np.cos(unknown) * own - np.sin(unknown) * by_chance
         reading[a:b] = before
 
 
