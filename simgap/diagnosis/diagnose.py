@@ -99,7 +99,11 @@ def _diagnosed(
         best = looked_again(watch, lambda: sought.likeliest(every))
         if best is not None and not watch.stopped:
             sought, apart = best, None if best.ready is sought.ready else _apart(model, best)
-    return (_concluded(sought) if apart is None else apart), sought.ready.record
+    answer = _concluded(sought) if apart is None else apart
+    if apart is None and sought.under.reached and answer.verdict in ("partial", "unexplained"):  # what confirms differs
+        whole = looked_again(watch, lambda: replace(sought, under=sought.under.of_everything()))
+        answer = (whole and _apart(model, whole)) or answer
+    return answer, sought.ready.record
 
 
 def _apart(model: SymbolicModel, sought: _Sought) -> Diagnosis | None:

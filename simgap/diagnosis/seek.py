@@ -131,6 +131,11 @@ class Hypothesis:
         """What was found, on other folds."""
         return self.anew(parts).with_what(self.found, self.left)
 
+    def of_everything(self) -> Hypothesis:
+        """What was found, fitted to all windows, those that confirm among them."""
+        every = self.anew(replace(self.parts, known=self.parts.every))
+        return replace(every, found=fitted_here(every.search, every.base, self.found))
+
     def _stopped(self) -> Hypothesis:
         return replace(self, found=best_so_far(self.search, self.base, self.most))
 

@@ -24,6 +24,7 @@ from simgap.model.symbolic import SymbolicModel
 _MOST_LINES = 3
 _TURNS, _EVEN = 4.0 * math.pi, 4.0  # of steady turning: least travel, and times the scatter around it
 _AROUND = 40  # frequencies on either side that are the background of a line
+_STANDS = 0.1  # of what a line stands above that, where another one says where to look
 
 
 class Hum(SeenFault):
@@ -95,7 +96,7 @@ def _stands(trace: Trace, k: int, hertz: float) -> bool:
     here = int(np.argmin(np.abs(at - hertz)))
     if len(power) < 4 * _AROUND or not _AROUND < here < len(power) - 3:
         return True
-    return _above(power, here) > 0.1 * HUM_LINE
+    return _above(power, here) > _STANDS * HUM_LINE
 
 
 def _above(power: Floats, at: int) -> float:
@@ -116,8 +117,8 @@ def _power(trace: Trace, values: Floats) -> tuple[Floats, Floats]:
 
 
 def _driven(trace: Trace, at: int) -> bool:
-    """Whether an input has a line there too."""
-    return any(_above(_power(trace, u)[0], at) > HUM_LINE for u in trace.u.T if np.ptp(u) > 0.0)
+    """Whether an input has power there too, of which a resonance may make a line."""
+    return any(_above(_power(trace, u)[0], at) > _STANDS * HUM_LINE for u in trace.u.T if np.ptp(u) > 0.0)
 
 
 def _sine(trace: Trace, values: Floats, hertz: float) -> Floats:
