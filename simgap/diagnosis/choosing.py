@@ -78,14 +78,15 @@ def chosen(under: Hypothesis, judged: Parts, compete: bool = False) -> Chosen:
     base = sparse if full is search else fit(known, known.model.null, initial_states(known), [], {})
     kept = found if full is search else fitted_here(full, base, found)
     at_floor = chi2_dof(known, kept.fit) <= FIT_QUALITY and not compete
-    together = math.ceil((settings.horizon_s + 0.5 * judged.window_s) / judged.window_s)
+    horizon_s = under.parts.horizon_s
+    together = math.ceil((horizon_s + 0.5 * judged.window_s) / judged.window_s)
     held = cache(partial(trials, known, judged.known.windows, together))
     agree, carried = True, None
     if found.members and not at_floor:
         most = min(settings.max_effects, settings.most_off_floor)
         carried = looked_again(
             under.watch,
-            lambda: transferable(search, sparse, found, held(), settings.horizon_s, most, settings.max_effects),
+            lambda: transferable(search, sparse, found, held(), horizon_s, most, settings.max_effects),
         )
         agree = carried is not None and carried.agrees
         if carried is not None:
@@ -95,7 +96,7 @@ def chosen(under: Hypothesis, judged: Parts, compete: bool = False) -> Chosen:
             kept = found if full.problem is search.problem else fitted_here(full, base, found)
     kept = real(full, kept, at_floor)
     found = found if found.keys == kept.keys else taken_over(search, sparse, kept)
-    competing, horizon = partial(chosen, under, judged, True), settings.horizon_s
+    competing = partial(chosen, under, judged, True)
     return Chosen(
-        search, sparse, found, kept, full, base, carried, held, horizon, at_floor, agree, under.not_tried, competing
+        search, sparse, found, kept, full, base, carried, held, horizon_s, at_floor, agree, under.not_tried, competing
     )

@@ -45,7 +45,7 @@ def conclude(
     faults: tuple[RecordingFault, ...],
 ) -> Diagnosis:  # fmt: skip
     """From what was chosen to the answer; here alone *confirm* is looked at."""
-    horizon, names = settings.horizon_s, [trace.name for trace in record.traces]
+    horizon, names = parts.horizon_s, [trace.name for trace in record.traces]
     parts, chosen, evidence = confirmed(parts, choice, horizon)
     known, confirm = parts.known, parts.confirm
     old, base, search, watch = evidence.declared, chosen.base, chosen.search, chosen.search.watch

@@ -124,7 +124,7 @@ def test_a_noise_taken_for_too_large_becomes_that_of_the_readings_that_are_left(
     start = np.arange(0, 4000, 100, dtype=np.int64)
     windows = Windows(start, start + 100, np.zeros(40, dtype=np.int64), np.zeros(40, dtype=np.int64))
     problem = build_problem(cached_supermodel(block(), ("q",)), record, windows, np.array([3e-3]))
-    parts = Parts(problem, problem, problem, problem, 1.0)
+    parts = Parts(problem, problem, problem, problem, 1.0, 0.5)
     start = Hypothesis.of(parts, DiagnosisSettings(max_effects=0), {}, Watch())
     quieter = no_louder_than_misses(start, np.zeros(1)).parts
     assert float(quieter.known.sigma[0]) == pytest.approx(1e-3, rel=0.05)

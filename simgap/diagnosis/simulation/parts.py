@@ -3,6 +3,7 @@ confirm."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -27,7 +28,7 @@ class Parts:
         known: the windows of `fit` and of `choose`, which the search sees.
         fit, choose: effects fitted to the one are judged on the other, where sets of them compete.
         confirm: windows that are judged once, at the end.
-        window_s: length of the windows, s.
+        window_s: length of the windows, s; horizon_s: how far ahead is predicted, s.
         left_out: times that were cut out of the others, where gross errors follow one another; disturbed: the same of
             `confirm`.
     """
@@ -37,6 +38,7 @@ class Parts:
     choose: Problem
     confirm: Problem
     window_s: float
+    horizon_s: float
     left_out: tuple[Span, ...] = ()
     disturbed: tuple[Span, ...] = ()
 
@@ -133,5 +135,6 @@ def parts_of(model: SymbolicModel, record: Record, settings: DiagnosisSettings) 
     said = (*said, *(_NO_PLACE.format(e.name, e.needs) for e in named if not e.targets(model)))
     known = folds.fit | folds.choose
     fit, choose, confirm = (every.on(windows.pick(mask)) for mask in (folds.fit, folds.choose, folds.confirm))
-    parts = Parts(every.on(windows.pick(known)), fit, choose, confirm, length)
+    horizon_s = min(settings.horizon_s, length if length < cut else math.inf)  # what runs away is not foreseen further
+    parts = Parts(every.on(windows.pick(known)), fit, choose, confirm, length, horizon_s)
     return parts.past_the_unknown(every.reach(compiled.null)), said  # reach of delays that the model declares

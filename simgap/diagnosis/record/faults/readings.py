@@ -292,6 +292,7 @@ def _stale(trace: Trace, k: int, sigma: float, quantum: float) -> Bools:
     Continuous readings with noise never repeat: there all that do are stale, if some of them visibly are. Counts repeat
     where a motion is slow or rests: there only those of short runs are stale that miss the line between their
     neighbours by more than steps, and whose end catches up. What turns round or breaks away has runs that miss too.
+    Where the noise is more than a count, less than half of all readings repeat by chance, and no long run does.
     """
     y, t = trace.y[:, k], trace.t
     repeats = np.concatenate([[False], np.diff(y) == 0.0])
@@ -306,8 +307,10 @@ def _stale(trace: Trace, k: int, sigma: float, quantum: float) -> Bools:
     miss = np.abs(y[before] + (y[after] - y[before]) * (t - t[before]) / span - y)
     if quantum > 0.0:
         short = after - before <= _LONGEST  # a longer run is a rest, and the line across it begins where the rest did
-        least = max(COUNTS * quantum, FAR * min(sigma, _scatter(t, y)))
-        return np.asarray(repeats & short & (miss > least) & (_catching_up(t, y, begins)[place] > least))
+        noise = min(sigma, _scatter(t, y))
+        least = max(COUNTS * quantum, FAR * noise)
+        stuck = (noise > quantum) & (after - before > -np.log2(BY_CHANCE))  # a rest would show the noise
+        return np.asarray(repeats & (stuck | short & (miss > least) & (_catching_up(t, y, begins)[place] > least)))
     visible = np.mean(miss[repeats] > sigma)
     return repeats if visible > 0.2 else np.zeros(len(y), dtype=bool)
 
