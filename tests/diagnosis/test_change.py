@@ -84,6 +84,16 @@ def test_a_change_in_the_second_of_two_short_runs_leaves_four_fitted_windows_aft
     assert _only(found).value == pytest.approx(0.15, rel=0.01)
 
 
+def test_a_change_in_the_run_that_confirms_is_told():
+    """Of three runs the last one confirms; the others lack nothing."""
+    hidden = Hidden(after=(2, 5.0), later=Hidden(viscous={"hinge": 0.2}))
+    d = _diagnosed(pendulum(), hidden, traces=3, seconds=12.0)
+    (change,) = _changes(d)
+    assert (d.verdict, d.effects) == ("none", ())
+    assert change.value == pytest.approx(5.0, abs=1.0)
+    assert "viscous friction of 0.2" in change.sentence.split(" before, ")[1]
+
+
 def test_a_plant_that_stays_as_it_is_did_not_change():
     d = _diagnosed(oscillator(), Hidden(viscous={"slide": 0.3}))
     assert (d.verdict, _changes(d)) == ("attributed", [])

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 
-from simgap.diagnosis.diagnose import diagnose
+from simgap.diagnosis.diagnose import diagnose, ready
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.model.symbolic import Coordinate, NamedParameter, Parameter, SymbolicModel, Variable, symbol
@@ -68,3 +69,14 @@ def test_a_weak_coil_is_found_with_what_is_the_same_and_no_column_is_blamed():
     lo, hi = found.parameters["ratio"].ci95
     truth = {"m": 1 / 0.91, "C": 0.91, "i": math.sqrt(0.91)}[found.on]
     assert lo <= truth <= hi
+
+
+@pytest.mark.parametrize("coil", [0.8, 0.91, 1.35])
+def test_windows_are_as_short_as_errors_grow_along_the_readings(coil):
+    """As declared the ball falls away or is caught: calm or lost within a second, and no reading is turned round."""
+    rng = np.random.default_rng(71103)
+    record = Record((_held(rng, 6.0, coil),), ("z",), ("i",))
+    (own,) = ready(levitation(), record, DiagnosisSettings())
+    assert (own.parts.window_s, own.parts.horizon_s) == (0.125, 0.125)
+    assert own.said[0].startswith("Windows of 0.125 s instead of 1 s")
+    assert own.faults == ()

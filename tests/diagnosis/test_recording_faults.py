@@ -201,6 +201,37 @@ def test_the_lines_of_a_shaft_that_turns_steadily_are_no_hum(speed, found):
     assert [f.fault for f in faults] == found
 
 
+def test_a_resonance_that_an_input_of_changing_size_drives_is_no_hum():
+    """Its tones are broad, so that none of them stands out of the input as the resonance does of the reading."""
+    rng, dt = np.random.default_rng(71104), 0.05
+    t = dt * np.arange(1200)
+    tones, phases = np.linspace(1.2, 8.0, 12), rng.uniform(0.0, 6.28, 12)
+    u = np.sin(np.outer(t, tones) + phases).sum(axis=1) * (0.3 + 0.7 * np.sin(0.2 * t) ** 2)
+    w, damping = tones[5] + 0.03, 0.01
+    poles = np.exp(
+        dt * w * np.array([-damping + 1j * np.sqrt(1 - damping**2), -damping - 1j * np.sqrt(1 - damping**2)])
+    )
+    y = lfilter([dt**2], np.real(np.poly(poles)), u) + 1e-4 * rng.standard_normal(len(t))
+    made = Record((Trace("run", t, y[:, None], u[:, None]),), ("q",), ("u",))
+    assert Hum().mend(made, nominal("oscillator"))[1] == ()
+    still = Record((Trace("run", t, y[:, None], 0.0 * u[:, None]),), ("q",), ("u",))
+    assert Hum().mend(still, nominal("oscillator"))[1] != ()
+
+
+@pytest.mark.parametrize(("noise", "found"), [(2.0, ["stale"]), (0.2, [])])
+def test_a_sensor_that_stands_still_in_its_own_noise_is_stuck(noise, found):
+    """Of less than a count: a rest."""
+    rng = np.random.default_rng(71105)
+    t = 0.002 * np.arange(10_000)
+    y = np.round(300.0 * np.sin(0.9 * t) * (np.abs(np.sin(0.9 * t)) < 0.99) + noise * rng.standard_normal(len(t)))
+    y[4000:4120] = y[4000]
+    made = Record((Trace("run", t, y[:, None], np.ones((len(t), 1))),), ("q",), ("u",))
+    stuck, faults = READINGS["stale"].mend(made, nominal("oscillator"))
+    assert [f.fault for f in faults] == found
+    if found:
+        assert 100 < np.sum(stuck.traces[0].compared == 0.0) < 140
+
+
 def test_a_line_of_one_trace_alone_is_no_hum():
     t, rng = np.arange(4000) / 200.0, np.random.default_rng(4)
     traces = []

@@ -79,6 +79,24 @@ def test_windows_of_an_unstable_plant_are_as_short_as_its_growth_bears():
     assert any("Windows of 0.5 s instead of 1 s" in w for w in d.warnings)
 
 
+@pytest.mark.parametrize("late", [3, 8])
+def test_a_speed_that_is_logged_whole_samples_late_is_told_where_torques_step(late):
+    """What it shows at the start of a window is from before, where no parabola through the window leads."""
+    runs, rng = [], np.random.default_rng(91513)
+    for _ in range(2):
+        plain = balanced(rng, 12.0)
+        states = moved(lambda q, v, u: POLE**2 * q + u, (0.0, 0.0), lambda _, u=plain.u: u[:, 0])[:-1]
+        speed = np.concatenate([np.zeros(late), states[:-late, 1]]) + 3e-3 * rng.standard_normal(len(states))
+        runs.append(replace(plain, y=np.column_stack([plain.y, speed])))
+    d = diagnose(
+        on_a_line(lambda q, v, u: POLE**2 * q + u), Record(tuple(runs), ("q", "v"), ("u",)), DiagnosisSettings()
+    )
+    assert d.verdict == "none"
+    (fault,) = d.recording
+    assert (fault.fault, fault.channel) == ("late_log", "v")
+    assert fault.value == pytest.approx(late * DT, abs=0.1 * DT)
+
+
 def test_of_a_short_record_of_an_unstable_plant_both_reasons_for_short_windows_are_said():
     record = Record((balanced(np.random.default_rng(91507), 12.0),), ("q",), ("u",))
     _, said = parts_of(on_a_line(lambda q, v, u: POLE**2 * q + u), record, DiagnosisSettings(window_s=8.0))
