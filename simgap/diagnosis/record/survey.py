@@ -245,7 +245,7 @@ def _still_words(still: tuple[Stretch, ...], frozen: tuple[Stretch, ...], total:
     rest = sum(s.seconds for s in still)
     if rest > MATTERS * total:
         yield (
-            f"no reading changes for {rest:.3g} s of {total:.3g} s (longest: {_longest(still)}): "
+            f"no reading changes by more than its noise for {rest:.3g} s of {total:.3g} s (longest: {_longest(still)}): "
             f"such time tells little; drop it with measured.masks"
         )
     if frozen:

@@ -15,6 +15,7 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.diagnosis.record.faults.base import Fault, Mended, SeenFault
+from simgap.diagnosis.record.noise import noise_floor
 from simgap.diagnosis.record.record import Record, Trace, exchanged
 from simgap.diagnosis.result import FoundEffect, RecordingFault
 from simgap.diagnosis.thresholds import MATTERS, MOST, WITHIN
@@ -52,7 +53,9 @@ class VelocityLag:
 
 
 def velocity_lag(record: Record, position: str, velocity: str) -> VelocityLag | None:
-    """Lag and scale between two channels, by least squares over shifts up to `_REACH_S`; None where nothing moves.
+    """Lag and scale between two channels, by least squares over shifts up to `_REACH_S`.
+
+    None where nothing moves, or most of the derivative is noise of the position.
 
     Both sides are averaged over the same +-m samples, so that noise is tamed and no phase is added: the mean of v over
     [t - m dt, t + m dt] is compared with (q(t + m dt) - q(t - m dt)) / (2 m dt). Source: difference quotient and
@@ -65,7 +68,9 @@ def velocity_lag(record: Record, position: str, velocity: str) -> VelocityLag | 
     for trace in record.traces:
         sums += _shifted_products(trace, j, k, dt, m, reach)
     cross, power, own = sums.T
-    if np.min(power) <= 0.0 or np.min(own) <= 0.0:
+    rows = sum(trace.duration / dt - 2 * (m + reach) for trace in record.traces)
+    noise = 2.0 * rows * float(noise_floor(record)[j] / (2 * m * dt)) ** 2
+    if np.min(power) <= 0.0 or np.min(own) <= 0.0 or noise > MOST * np.min(power):
         return None
     loss = 1.0 - cross**2 / (power * own)
     forward = np.where(cross > 0.0, loss, np.inf)  # half a period late a swing is nearly its own negative

@@ -20,6 +20,7 @@ from simgap.diagnosis.result import RecordingFault
 from simgap.diagnosis.thresholds import HUM_LINE, MOST
 from simgap.late import scipy
 from simgap.model.symbolic import SymbolicModel
+from simgap.notation import pretty_unit
 
 _MOST_LINES = 3
 _TURNS, _EVEN = 4.0 * math.pi, 4.0  # of steady turning: least travel, and times the scatter around it
@@ -48,7 +49,8 @@ class Hum(SeenFault):
                     break
                 sines = [_sine(trace, trace.y[:, k], hertz) for trace in record.traces]
                 size = max(float(np.hypot(*c)) for c in sines)
-                what = f"a hum of {hertz:.4g} Hz, {size:.2g} in amplitude, which no force produces; it was removed."
+                of = f"{size:.2g} {pretty_unit(model.units.get(name, '1'))}".rstrip()
+                what = f"a hum of {hertz:.4g} Hz, {of} in amplitude, which no force produces; it was removed."
                 faults.append(self.told(name, hertz, f"{name} has {what}"))
                 traces = tuple(_less(trace, k, hertz, *c) for trace, c in zip(record.traces, sines, strict=True))
                 record = replace(record, traces=traces)
