@@ -245,8 +245,8 @@ def _still_words(still: tuple[Stretch, ...], frozen: tuple[Stretch, ...], total:
     rest = sum(s.seconds for s in still)
     if rest > MATTERS * total:
         yield (
-            f"no reading changes by more than its noise for {rest:.3g} s of {total:.3g} s (longest: {_longest(still)}): "
-            f"such time tells little; drop it with measured.masks"
+            f"no reading changes by more than its noise for {rest:.3g} s of {total:.3g} s "
+            f"(longest: {_longest(still)}): such time tells little; drop it with measured.masks"
         )
     if frozen:
         names = ", ".join(sorted({s.channel or "" for s in frozen}))
