@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,9 +13,11 @@ from simgap.diagnosis.record.record import MIN_SAMPLES, Record
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, FoundEffect, RecordingFault
 from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.explanations import Explanation, Search
+from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.search.scoring import column, small_amplitude
+from simgap.diagnosis.simulation.problem import Memo, Problem
 from simgap.diagnosis.simulation.sensitivity import Direction, linearise, promised, slot_direction
-from simgap.diagnosis.thresholds import FEWEST_WINDOWS, FIT_QUALITY, MOST
+from simgap.diagnosis.thresholds import FEWEST_WINDOWS, FIT_QUALITY, MATTERS, MOST
 from simgap.effects import EFFECTS
 from simgap.errors import UserError
 from simgap.notation import joined
@@ -44,7 +46,7 @@ def sides_apart(
     if change is None:
         return None
     before, after = _cut(record, change, settings.window_s)
-    if before is None or after is None or not _driven_alike(before, after):
+    if before is None or after is None or not _alike(before, after, _is_driven(search.problem, found.fit)):
         return None
 
     def whole(side: Record) -> Diagnosis | None:
@@ -65,21 +67,34 @@ def sides_apart(
     return None if fault is None else replace(main, recording=(*main.recording, fault))
 
 
-def _driven_alike(before: Record, after: Record) -> bool:
-    """Whether both sides are driven over ranges of like size, or move so where nothing drives them.
+def _is_driven(problem: Problem, at: Fit) -> bool:
+    """Whether inputs make a part that matters of what is read within windows: what moves by itself may just decay."""
+    still = replace(problem, u=np.zeros_like(problem.u), memo=Memo())
+    made = problem.predict(at.theta, at.x0) - still.predict(at.theta, at.x0)
+    shown = problem.readings - np.repeat(_means(problem), np.diff(problem.rows), axis=0)
+    return float(np.sum((made / problem.sigma) ** 2)) > MATTERS**2 * float(np.sum((shown / problem.sigma) ** 2))
 
-    If they are not, an effect that no number of the library describes acts differently in each, and the plant is the
-    same; a plant that is driven alike and moves otherwise is another one. Standard deviations, trace by trace together;
-    a channel at rest in both is alike.
+
+def _means(problem: Problem) -> Floats:
+    """Mean reading of each window, (w, k)."""
+    return np.asarray(np.add.reduceat(problem.readings, problem.rows[:-1]) / np.diff(problem.rows)[:, None])
+
+
+def _alike(before: Record, after: Record, driven: bool) -> bool:
+    """Whether both sides have inputs of like size and level, and move over like ranges if these do not drive them.
+
+    If not, an effect that no number of the library describes acts differently in each, and the plant is the same.
+    Standard deviations, trace by trace together; a channel at rest in both is alike.
     """
+    u, y = ([[getattr(t, name) for t in side.traces] for side in (before, after)] for name in ("u", "y"))
 
-    def spread(record: Record, readings: bool) -> Floats:
-        rows = [trace.y if readings else trace.u for trace in record.traces]
+    def size(rows: Sequence[Floats]) -> Floats:
         return np.asarray(np.sqrt(np.mean(np.concatenate([r - r.mean(axis=0) for r in rows]) ** 2, axis=0)))
 
-    sides = [spread(side, False) for side in (before, after)]
-    first, second = sides if np.any(sides) else (spread(side, True) for side in (before, after))
-    return bool(np.all(MOST * np.maximum(first, second) <= np.minimum(first, second)))
+    pairs = [[size(rows) for rows in sides] for sides in ((u,) if driven else (u, y))]
+    alike = [np.all(MOST * np.maximum(*pair) <= np.minimum(*pair)) for pair in pairs]
+    apart = np.abs(np.subtract(*(np.concatenate(rows).mean(axis=0) for rows in u)))
+    return bool(all(alike) and np.all(apart <= np.maximum(*pairs[0])))
 
 
 def _for(part: Record, settings: DiagnosisSettings) -> DiagnosisSettings:

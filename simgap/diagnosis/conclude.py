@@ -152,10 +152,11 @@ def _graded(record: Record, parts: Parts, chosen: Chosen, evidence: Evidence) ->
     word = verdict(chosen.kept, evidence)
     asked = (parts.left_out or parts.disturbed) and word in ("attributed", "none")
     further = extrapolated(record, parts, chosen.kept.fit, evidence.corrected.states) if asked else ()
-    word = "partial" if further and chosen.kept.members else word
+    if further:
+        word = "partial" if chosen.kept.members else "unexplained"
     named = word in ("attributed", "partial") or (word == "none" and evidence.needed)
     others = _rivals(chosen) if named else []
-    pushed = (_PUSHED,) if parts.disturbed and word == "attributed" else ()
+    pushed = (_PUSHED,) if parts.disturbed and word in ("attributed", "none") else ()
     unsure = (*pushed, *answer.contested(others, chosen.found), *doubted(chosen.full.problem, chosen.kept))
     faint = faint_memory(parts.known, chosen.kept.fit) if word == "attributed" else ()
     word = "partial" if (unsure or faint) and word == "attributed" else word

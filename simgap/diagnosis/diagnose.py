@@ -100,9 +100,11 @@ def _diagnosed(
         if best is not None and not watch.stopped:
             sought, apart = best, None if best.ready is sought.ready else _apart(model, best)
     answer = _concluded(sought) if apart is None else apart
-    if apart is None and sought.under.reached and answer.verdict in ("partial", "unexplained"):  # what confirms differs
+    elsewhere = sought.under.reached and answer.verdict in ("partial", "unexplained")  # what confirms differs
+    if apart is None and elsewhere and not settings.held_out_traces:
         whole = looked_again(watch, lambda: replace(sought, under=sought.under.of_everything()))
-        answer = (whole and _apart(model, whole)) or answer
+        apart = None if whole is None else _apart(model, whole)
+        answer = answer if apart is None else apart
     return answer, sought.ready.record
 
 

@@ -273,6 +273,13 @@ def test_a_stop_where_the_data_that_confirm_never_go_is_not_attributed():
     assert d.unconfirmed == ("q",)
 
 
+def test_a_stop_where_only_the_data_that_confirm_go_is_not_nothing():
+    """All else is as declared with the friction that is found, or lacks nothing: what a stop does looks like a push."""
+    d = _answer(_run(2), _run(3), _stopped(1, 0.591))
+    assert d.verdict == "partial"
+    assert d.unconfirmed == ("q",)
+
+
 def _braked(seed: int, burst: bool, limit: float = 0.7) -> Trace:
     """The mass with a brake of 8 N above a speed, which it reaches where the drive acts hard for a moment."""
     plain = _run(seed)

@@ -20,6 +20,7 @@ from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.noise_law import Colour, whiten
 from simgap.diagnosis.simulation.parts import parts_of
 from tests.diagnosis import rigs
+from tests.diagnosis.plants import block
 from tests.undeclared.counted import counted_model, counted_record
 from tests.undeclared.nominals import nominal, record
 from tests.undeclared.rig.textbook import Hidden, cart_pole, oscillator
@@ -289,6 +290,27 @@ def test_a_reading_that_is_logged_later_than_the_others_is_told_with_its_size():
         (effect,) = d.effects
         assert (effect.name, effect.on) == ("viscous_friction", "cart")
         assert effect.parameters["b"].value == pytest.approx(rubs, rel=0.02)
+
+
+@pytest.mark.parametrize("speed_too", [True, False])
+def test_no_delay_of_the_log_stands_for_a_force_outside_the_library(speed_too):
+    """As long as a window it would leave nothing of it to compare."""
+    rng, runs = np.random.default_rng(71108), []
+    t = 0.01 * np.arange(1000)
+    for k in range(3):
+        u = 2.0 * np.sin(np.outer(t, (2.5, 6.0, 11.0)) + rng.uniform(0.0, 6.28, 3)).sum(axis=1)
+        q, v, states = 0.2, 0.0, []
+        for now in u:
+            states.append((q, v))
+            for _ in range(20):
+                v += 5e-4 * (now + 3.0 * np.sin(25.0 * q) + 2.0 * np.cos(17.0 * v)) / 2.0
+                q += 5e-4 * v
+        y = np.array(states)[:, : 1 + speed_too] + 1e-3 * rng.standard_normal((1000, 1 + speed_too))
+        runs.append(Trace(f"run{k}", t, y, u[:, None]))
+    few = DiagnosisSettings(effects=("spring", "viscous_friction", "coulomb_friction"))
+    d = diagnose(block(), Record(tuple(runs), ("q", "v")[: 1 + speed_too], ("u",)), few)
+    assert d.verdict not in ("none", "attributed")
+    assert not any(f.fault == "late_log" for f in d.recording)
 
 
 def test_a_unit_that_leads_readings_out_of_where_the_plant_works_is_not_tried():

@@ -50,7 +50,7 @@ def _answer(document: Document) -> list[str]:
         unseen = f"But {advice[0]}." if advice else ""
         return [f"The model explains these data down to their noise{but}: no effect is missing.", unseen]
     if verdict == "unexplained":
-        return _unexplained(document)
+        return [_remainder(document)] if document.get("unconfirmed") else _unexplained(document)
     found = joined([describe(e) for e in effects])
     verb = "explains" if len(effects) == 1 else "together explain"
     named = f"Provisionally, {found}" if document.get("stopped") else capitalised(found)

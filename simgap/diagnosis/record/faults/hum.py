@@ -17,7 +17,7 @@ from simgap.arrays import Floats
 from simgap.diagnosis.record.faults.base import Mended, SeenFault
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import RecordingFault
-from simgap.diagnosis.thresholds import HUM_LINE, MOST
+from simgap.diagnosis.thresholds import HUM_LINE, MATTERS, MOST
 from simgap.late import scipy
 from simgap.model.symbolic import SymbolicModel
 from simgap.notation import pretty_unit
@@ -68,7 +68,7 @@ def _line(record: Record, k: int) -> float | None:
     peak = np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])) + 1
     peak = peak[(peak > _AROUND) & (peak < len(power) - 3)]
     for at in peak[np.argsort(-power[peak] * hertz[peak] ** 4)][:5]:
-        if _above(power, int(at)) < HUM_LINE or _driven(trace, int(at)):
+        if _above(power, int(at)) < HUM_LINE or _driven(trace, int(at), float(hertz[at])):
             continue
         f = _refined(trace, trace.y[:, k], float(hertz[at]), float(hertz[1] - hertz[0]))
         size = float(np.hypot(*_sine(trace, trace.y[:, k], f)))
@@ -118,9 +118,11 @@ def _power(trace: Trace, values: Floats) -> tuple[Floats, Floats]:
     return 2.0 * np.abs(spectrum) ** 2 / len(y) ** 2, np.asarray(np.fft.rfftfreq(len(y), dt), dtype=np.float64)
 
 
-def _driven(trace: Trace, at: int) -> bool:
-    """Whether an input has power there too, of which a resonance may make a line."""
-    return any(_above(_power(trace, u)[0], at) > _STANDS * HUM_LINE for u in trace.u.T if np.ptp(u) > 0.0)
+def _driven(trace: Trace, at: int, hertz: float) -> bool:
+    """Whether an input has power there too, of which a resonance may make a line: a part of its own that matters."""
+    moving = [u for u in trace.u.T if np.ptp(u) > 0.0]
+    large = [u for u in moving if np.hypot(*_sine(trace, u, hertz)) > MATTERS * np.std(u)]
+    return any(_above(_power(trace, u)[0], at) > _STANDS * HUM_LINE for u in large)
 
 
 def _sine(trace: Trace, values: Floats, hertz: float) -> Floats:

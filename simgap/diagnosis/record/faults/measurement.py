@@ -203,15 +203,17 @@ class LateReading(ReadingFault):
     ) -> None:
         """Each window as it was a moment before. What was before its start is not known.
 
-        Such readings miss by their noise, so that no delay is better for leaving more of them out.
+        Such readings miss by their noise, so that no delay is better for leaving more of them out; no more than half of
+        a window is left out, as else a long delay would stand for anything.
         """
         if value > 0.0:
             _shift(reading, value, t, np.ascontiguousarray(measured), noise, rows)
 
 
-@njit("float64(float64[::1], float64[::1], int64, int64, int64, float64)", cache=True)
-def _parabola(reading: Floats, t: Floats, i: int, j: int, k: int, at: float) -> float:
-    """Through three samples."""
+@njit("float64(float64[::1], float64[::1], int64, float64)", cache=True)
+def _parabola(reading: Floats, t: Floats, j: int, at: float) -> float:
+    """Through a sample and those beside it."""
+    i, k = j - 1, j + 1
     a, b, c = t[i], t[j], t[k]
     first = reading[i] * (at - b) * (at - c) / ((a - b) * (a - c))
     second = reading[j] * (at - a) * (at - c) / ((b - a) * (b - c))
@@ -225,13 +227,13 @@ def _shift(reading: Floats, late: float, t: Floats, measured: Floats, noise: flo
         if b - a < 3:
             continue
         before = np.empty(b - a)
-        j = b - 1
+        j, back = b - 1, min(late, 0.5 * (t[b - 1] - t[a]))
         for i in range(b - 1, a - 1, -1):
-            at = t[i] - late
+            at = t[i] - back
             while j > a and t[j] > at:
                 j -= 1
             m = min(max(j, a + 1), b - 2)
-            before[i - a] = _parabola(reading, t, m - 1, m, m + 1, at)
+            before[i - a] = _parabola(reading, t, m, at)
             unknown = 0.5 * np.pi * min(max((t[a] - at) / (t[a + 1] - t[a]), 0.0), 1.0)
             if unknown > 0.0:  # squares of misses stay as large as they are by chance
                 own, by_chance = measured[i] - before[i - a], noise if (i - a) % 2 else -noise

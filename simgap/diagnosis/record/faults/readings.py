@@ -292,7 +292,8 @@ def _stale(trace: Trace, k: int, sigma: float, quantum: float) -> Bools:
     Continuous readings with noise never repeat: there all that do are stale, if some of them visibly are. Counts repeat
     where a motion is slow or rests: there only those of short runs are stale that miss the line between their
     neighbours by more than steps, and whose end catches up. What turns round or breaks away has runs that miss too.
-    Where the noise is more than a count, less than half of all readings repeat by chance, and no long run does.
+    Where the noise is more than a count, less than half of all readings repeat by chance, and no long run does: all of
+    one whose end catches up is stale.
     """
     y, t = trace.y[:, k], trace.t
     repeats = np.concatenate([[False], np.diff(y) == 0.0])
@@ -309,10 +310,18 @@ def _stale(trace: Trace, k: int, sigma: float, quantum: float) -> Bools:
         short = after - before <= _LONGEST  # a longer run is a rest, and the line across it begins where the rest did
         noise = min(sigma, _scatter(t, y))
         least = max(COUNTS * quantum, FAR * noise)
-        stuck = (noise > quantum) & (after - before > -np.log2(BY_CHANCE))  # a rest would show the noise
-        return np.asarray(repeats & (stuck | short & (miss > least) & (_catching_up(t, y, begins)[place] > least)))
+        stuck = (noise > quantum) & _standing(y, begins)[place]
+        return np.asarray(repeats & (stuck | short & (miss > least)) & (_catching_up(t, y, begins)[place] > least))
     visible = np.mean(miss[repeats] > sigma)
     return repeats if visible > 0.2 else np.zeros(len(y), dtype=bool)
+
+
+def _standing(y: Floats, begins: Ints) -> Bools:
+    """Runs of equal readings that are too long for chance, (r,), where no other one stands at the same value, nor at 0:
+    there something is off, or at its end."""
+    long = np.diff(np.append(begins, len(y))) > -np.log2(BY_CHANCE)
+    which = np.unique(y[begins], return_inverse=True)[1]
+    return np.asarray(long & (np.bincount(which, weights=long)[which] == 1.0) & (y[begins] != 0.0))
 
 
 def _scatter(t: Floats, y: Floats) -> float:
