@@ -129,10 +129,8 @@ def _best_by_trial(problem: Problem, options: Sequence[Columns]) -> Columns | No
     Windows are so short that the model stays where the readings are: what falls from there tells nothing of columns.
     """
     part, _ = problem.some()
-    own, whole = (
-        _begun(part, np.inf),
-        np.mean((np.nanmax(part.y, axis=0) - np.nanmin(part.y, axis=0)) ** 2 / part.sigma**2),
-    )
+    own = _begun(part, np.inf)
+    whole = float(np.mean((np.ptp(part.y, axis=0) / part.sigma) ** 2))
     while own.left > whole and (shorter := part.windows.begun(0.5)).samples < part.windows.samples:
         part = part.on(shorter)
         own = _begun(part, np.inf)

@@ -33,7 +33,6 @@ from simgap.diagnosis.verdict.sets import negligible
 from simgap.notation import capitalised, few, from_to, joined
 
 _SPAN = 0.25 * BRIEF_S  # s over which a rate is taken
-_AGAIN = 2  # looks at gross errors, each with windows cut where the one before saw them
 
 
 def gross_spans(known: Problem, at: Fit) -> tuple[Span, ...]:
@@ -54,16 +53,13 @@ def around(spans: Sequence[Span], problem: Problem) -> tuple[Span, ...]:
 def pushes(held: Problem, theta: Floats) -> tuple[Span, ...]:
     """Times in which gross errors follow one another in windows that nothing is fitted to; none where they last long.
 
-    Windows are cut where they begin and end, as each part has an initial state of its own.
+    A second look cuts the windows where they begin and end, as the motion after them starts from a new state. Where
+    nothing stands out then, as all of it was cut out, the first look holds.
     """
     spans: tuple[Span, ...] = ()
-    seen = spans
-    for _ in range(_AGAIN):
-        part = replace(held.on(cut_at(held.windows, held.t, seen)), usual=held.sigma)
-        seen = gross_spans(part, fit(part, theta, initial_states(part), [], {}))
-        if not seen:  # what begins and ends windows is in none
-            break
-        spans = seen
+    for _ in range(2):
+        part = replace(held.on(cut_at(held.windows, held.t, spans)), usual=held.sigma)
+        spans = gross_spans(part, fit(part, theta, initial_states(part), [], {})) or spans
     w = held.windows
     whole = around(spans, held)
     few = sum(b - a for _, a, b in whole) <= A_FEW * float(np.sum(held.t[w.stop - 1] - held.t[w.start]))
@@ -127,7 +123,8 @@ def extrapolated(record: Record, parts: Parts, at: Fit, held: Floats) -> tuple[s
 
     Args:
         record: the data; parts: its folds, without the times left out.
-        at: the answer, fitted to what is known; held: (w, nx) initial states of the windows that confirm.
+        at: the answer, fitted to what is known; held: (w, nx) initial states of
+            the windows that confirm, as `Parts.every` holds them.
     """
     known, confirm = parts.known, parts.confirm
     k, reach = len(record.measured), known.reach(at.theta)
@@ -174,24 +171,24 @@ def _rates(t: Floats, y: Floats) -> Floats:
     return np.asarray((y[m:] - y[:-m]) / (t[m:] - t[:-m])[:, None])
 
 
-def _leaves(known: Problem, theta: Floats, states: Floats, left: Span) -> float:
+def _leaves(problem: Problem, theta: Floats, states: Floats, left: Span) -> float:
     """When a reading leaves what is foreseen from the window before, for good; the end of the time if none does, s.
 
     For good: it and the next one are `FAR` standard deviations off, of the noise and of what the noise of that
     window does to the state that it ends in.
     """
     which, begin, end = left
-    w, t = known.windows, known.t
+    w, t = problem.windows, problem.t
     before = np.flatnonzero((w.trace == which) & (t[w.stop - 1] < begin))
     if not before.size:
         return end
     own = before[np.argmax(w.stop[before])]
     a, b, first = int(w.start[own]), int(w.stop[own]), int(w.first[own])
-    until = known.firsts[known.firsts > first].min(initial=len(t))
+    until = problem.firsts[problem.firsts > first].min(initial=len(t))
     last = b + int(np.searchsorted(t[b:until], end, side="right"))
     if t[b] < begin or last - b < 2:  # something else lies between
         return end
-    part = known.on(Windows(*(np.array([v]) for v in (a, last, first, which))))
+    part = problem.on(Windows(*(np.array([v]) for v in (a, last, first, which))))
     x0 = states[own : own + 1]
     miss, moved = state_columns(part, theta, x0, state_steps(x0), Problem.misses)
     fitted = moved[:, : b - a].reshape(len(moved), -1)
