@@ -20,7 +20,7 @@ from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, RecordingFault
 from simgap.diagnosis.search.columns import better_columns
 from simgap.diagnosis.search.scoring import barred
-from simgap.diagnosis.search.selection import leap_from_beginnings
+from simgap.diagnosis.search.selection import best_so_far, leap_from_beginnings
 from simgap.diagnosis.search.watch import Watch, answered
 from simgap.diagnosis.seek import (
     Hypothesis,
@@ -89,33 +89,35 @@ def _diagnosed(
     model: SymbolicModel, record: Record, settings: DiagnosisSettings, watch: Watch
 ) -> tuple[Diagnosis, Record]:
     own, *others = ready(model, record, settings)
-    sought = _sought(model, own, settings, watch)
+    first = _singles(model, own, settings, watch)
+    apart = None if first.explained else _apart(model, own, first.best)  # it costs less than a search
+    if apart is not None:
+        return apart, own.record
+    sought = _sought(own, first)
     looked_again(watch, partial(watch.save, anyhow=True))
-    apart = _apart(model, sought)
+    apart = None if sought.coloured else _apart(model, own, sought.under)
     if apart is None and (others or sought.others) and not sought.settled:
         watch.over = True  # what was saved stands until a hypothesis is found better
-        under = looked_again(watch, lambda: [_sought(model, other, settings, watch) for other in others]) or []
+        under = looked_again(watch, lambda: [_sought(o, _singles(model, o, settings, watch)) for o in others]) or []
         every = (*sought.others, *(h for each in under for h in (each, *each.others)))
         best = looked_again(watch, lambda: sought.likeliest(every))
         if best is not None and not watch.stopped:
-            sought, apart = best, None if best.ready is sought.ready else _apart(model, best)
+            same = best.ready is sought.ready or best.coloured
+            sought, apart = best, None if same else _apart(model, best.ready, best.under)
     answer = _concluded(sought) if apart is None else apart
     elsewhere = sought.under.reached and answer.verdict in ("partial", "unexplained")  # what confirms differs
     if apart is None and elsewhere and not settings.held_out_traces:
-        whole = looked_again(watch, lambda: replace(sought, under=sought.under.of_everything()))
-        apart = None if whole is None else _apart(model, whole)
+        whole = None if sought.coloured else looked_again(watch, sought.under.of_everything)
+        apart = None if whole is None else _apart(model, sought.ready, whole)
         answer = answer if apart is None else apart
     return answer, sought.ready.record
 
 
-def _apart(model: SymbolicModel, sought: _Sought) -> Diagnosis | None:
+def _apart(model: SymbolicModel, own: Ready, under: Hypothesis) -> Diagnosis | None:
     """The answer for one side of a change in mid-record."""
-    under = sought.under
-    if sought.coloured:
-        return None
     answer = _part_by(model, under.watch.tell)
-    apart = sides_apart(sought.ready.record, under.settings, under.search, under.found, answer)
-    return None if apart is None else replace(apart, recording=(*sought.ready.faults, *apart.recording))
+    apart = sides_apart(own.record, under.settings, under.search, under.found, answer)
+    return None if apart is None else replace(apart, recording=(*own.faults, *apart.recording))
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,16 +198,44 @@ def _concluded(sought: _Sought) -> Diagnosis:
     return conclude(own.record, under.settings, under.parts, sought.choice, own.said, faults)
 
 
-def _sought(model: SymbolicModel, own: Ready, settings: DiagnosisSettings, watch: Watch) -> _Sought:
-    """Search a record, tier by tier, and again where what was found changes what is known of it."""
+@dataclass(frozen=True, eq=False)
+class _Singles:
+    """A search as far as single effects.
+
+    Attributes:
+        start: the search; under: what it found, where one effect of the second tier reaches the noise.
+        wide: the search with the second tier, where that was begun.
+        explained: whether one effect, or none, is down to the noise.
+    """
+
+    start: Hypothesis
+    under: Hypothesis | None
+    wide: Hypothesis | None
+    explained: bool
+
+    @property
+    def best(self) -> Hypothesis:
+        """The best single effect."""
+        start = self.start
+        return replace(start, found=best_so_far(start.search, start.base, 1))
+
+
+def _singles(model: SymbolicModel, own: Ready, settings: DiagnosisSettings, watch: Watch) -> _Singles:
+    """Try single effects of the first tier, and of the second where none of them is down to the noise."""
     start = Hypothesis.of(own.parts, settings, barred(model, own.record, settings.effects, settings.known), watch)
     looked_again(watch, watch.save)
     if not start.reached:
         looked_again(watch, lambda: leap_from_beginnings(start.search, start.base, start.most))
     under, wide = screened(start)
+    return _Singles(start, under, wide, under is not None or explained(start))
+
+
+def _sought(own: Ready, first: _Singles) -> _Sought:
+    """Search a record on, tier by tier, and again where what was found changes what is known of it."""
+    start, under, wide, settings, watch = first.start, first.under, first.wide, first.start.settings, first.start.watch
     robust = None
     if under is None:
-        pushed = None if explained(start) else under_its_law(start)
+        pushed = None if first.explained else under_its_law(start)
         if pushed is not None and pushed.parts.left_out and not (wide and explain_all(wide, pushed.found)):
             under, wide = pushed, None
         else:  # all data by least squares, from the beginning
@@ -258,7 +288,8 @@ def _part_by(model: SymbolicModel, tell: Callable[[str], None]) -> Answer:
     """Diagnoses a part of the record; only where it comes down to its noise."""
 
     def answer(part: Record, settings: DiagnosisSettings) -> Diagnosis | None:
-        sought = _sought(model, ready(model, part, settings)[0], settings, Watch(tell=tell))
+        own = ready(model, part, settings)[0]
+        sought = _sought(own, _singles(model, own, settings, Watch(tell=tell)))
         return _concluded(sought) if sought.under.reached else None
 
     return answer
