@@ -16,7 +16,7 @@ from simgap.diagnosis.search.fit import EQUIVALENT_CHI2
 from simgap.diagnosis.search.scoring import begun_at
 from simgap.diagnosis.simulation.sensitivity import scaled, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import BIC_GAIN, COLLINEAR, MOST, WIDTH
+from simgap.diagnosis.thresholds import BIC_GAIN, COLLINEAR, WIDTH
 from simgap.effects.base import Start
 
 EXACTLY_COLLINEAR = 1.0 - 1e-6
@@ -54,12 +54,7 @@ def _fitted(search: Search, chosen: Explanation) -> set[Key]:
     near = search.near(chosen)
     for member in chosen.members:
         base = search.without(chosen, member)
-        floor = base.fit.chi2 - chosen.fit.chi2
-        ranked = [
-            s for s in search.ranked(base) if s.candidate.key != member.key and s.candidate.key not in chosen.keys
-        ]
-        for s in [s for s in ranked if s.drop / search.scale > BIC_GAIN and s.drop > MOST * floor][:WIDTH]:
-            near.extend(base, s)
+        near.joined(base, chosen.keys)
         for c in _stand_ins(search, member):
             own = {c.slots[0]: float(chosen.fit.theta[member.slots[0]])}
             near.explain((*base.members, c), with_values(base.fit.theta, own), chosen.fit)
