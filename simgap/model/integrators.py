@@ -20,7 +20,7 @@ def rk4_exprs(x: Sequence[sp.Symbol], xdot: Exprs, h: sp.Expr) -> Exprs:
 
     def slope(at: Sequence[sp.Expr]) -> Exprs:
         values = dict(zip(x, at, strict=True))
-        return tuple(sp.sympify(e).subs(values, simultaneous=True) for e in xdot)
+        return tuple(sp.sympify(e).xreplace(values) for e in xdot)
 
     k1 = xdot
     k2 = slope([a + h / 2 * k for a, k in zip(x, k1, strict=True)])

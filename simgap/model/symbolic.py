@@ -225,7 +225,7 @@ class SymbolicModel:
 
     def _subs(self, changes: Mapping[sp.Symbol, sp.Expr]) -> SymbolicModel:
         def sub(e: sp.Expr) -> sp.Expr:
-            return sp.sympify(e).subs(changes, simultaneous=True)
+            return sp.sympify(e).xreplace(changes)
 
         return replace(
             self,

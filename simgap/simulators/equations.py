@@ -103,7 +103,7 @@ class EquationsEngine(Engine):
         rows: tuple[sp.Expr, ...] = step.f
         for _ in range(_section(case).substeps - 1):
             at = dict(zip(step.x, rows, strict=True))
-            rows = tuple(sp.sympify(row).subs(at, simultaneous=True) for row in step.f)
+            rows = tuple(sp.sympify(row).xreplace(at) for row in step.f)
             if max(int(sp.count_ops(row)) for row in rows) > MOST_OPERATIONS:
                 raise _too_large("simulator.substeps")
         return rows
