@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from simgap.arrays import Floats
+from simgap.arrays import Bools, Floats
 from simgap.diagnosis.record.faults.registry import PlantChanged
 from simgap.diagnosis.record.record import MIN_SAMPLES, Record
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, FoundEffect, RecordingFault
@@ -160,7 +161,7 @@ def _said(found: FoundEffect | None, key: tuple[str, str]) -> str:
 
 @dataclass(frozen=True)
 class Change:
-    """Between which windows it lies: the trace, and the span (s) from the start of the one to the end of the other."""
+    """Where it lies: in which trace and from when to when, s; before a trace where both are its start."""
 
     trace: int
     begin: float
@@ -170,36 +171,41 @@ class Change:
 def change_promised(search: Search, found: Explanation) -> Change | None:
     """The instant from which on another value of one number promises most; None if that is not most of the excess.
 
-    A change that takes a sixth of the record or longer and promises as much is a drift, and none. Both sides have at
-    least `FEWEST_WINDOWS` windows.
+    In the window that holds it the number is in between. A change that takes a sixth of the record or longer and
+    promises as much is a drift, and none. Both sides have at least `FEWEST_WINDOWS` windows.
     """
     problem, at = search.problem, found.fit
-    w = problem.windows
-    order = np.argsort(w.start)
-    excess = at.chi2 - problem.size
-    if len(w) < 2 * FEWEST_WINDOWS or excess <= 0.0:
+    order = np.argsort(problem.windows.start)
+    excess, count = at.chi2 - problem.size, len(order)
+    if count < 2 * FEWEST_WINDOWS or excess <= 0.0:
         return None
     own = [slot_direction(problem, at.theta, k, search.steps[k]) for k in at.slots]
     linear = linearise(problem, at.theta, at.x0, [*own, *_others(search, found)])
     grams, gradients = linear.window_gram[order], linear.window_gradient[order]
-    best, place, which = 0.0, 0, 0
-    count = len(w)
-    plain = [_gain(grams, gradients, len(own), j, None) for j in range(linear.gram.shape[0])]
+    windows, cost = np.arange(count), math.log(problem.size)
+    best, place, which = 0.0, (0, 0), 0
+    plain = [_gain(grams, gradients, len(own), j, []) for j in range(linear.gram.shape[0])]
+    places = [(k, k + n) for k in range(FEWEST_WINDOWS, count - FEWEST_WINDOWS + 1) for n in (0, 1)]
     for j, without in enumerate(plain):
-        for k in range(FEWEST_WINDOWS, count - FEWEST_WINDOWS + 1):
-            gain = _gain(grams, gradients, len(own), j, (np.arange(count) >= k).astype(float)) - without
+        for k, after in places[:-1]:
+            steps = [windows >= after, *([windows == k] if after > k else [])]
+            gain = _gain(grams, gradients, len(own), j, steps) - without - cost * len(steps)
             if gain > best:
-                best, place, which = gain, k, j
+                best, place, which = gain, (k, after), j
     if best < MOST * excess:
         return None
-    if any(_gain(grams, gradients, len(own), which, r) - plain[which] >= best for r in _ramps(count)):
+    if any(_gain(grams, gradients, len(own), which, [r]) - plain[which] - cost >= best for r in _ramps(count)):
         return None  # it went slowly
-    before, after = int(order[place - 1]), int(order[place])
-    t = problem.t
-    if w.trace[before] != w.trace[after]:
-        edge = float(t[w.start[after]])
-        return Change(int(w.trace[after]), edge, edge)
-    return Change(int(w.trace[after]), float(t[w.start[before]]), float(t[w.stop[after] - 1]))
+    return _between(problem, *(int(k) for k in order[[place[0] - 1, place[0], place[1]]]))
+
+
+def _between(problem: Problem, before: int, within: int, after: int) -> Change:
+    """From the end of a window to the begin of another, as far as they are in the trace of the one that it is in."""
+    w, t = problem.windows, problem.t
+    trace = w.trace[within]
+    begin = t[w.stop[before] - 1] if w.trace[before] == trace else t[w.start[within]]
+    end = t[w.start[after]] if w.trace[after] == trace else t[w.stop[within] - 1]
+    return Change(int(trace), float(begin), float(end if after != within or w.trace[before] == trace else begin))
 
 
 def _others(search: Search, found: Explanation) -> list[Direction]:
@@ -214,17 +220,16 @@ def _others(search: Search, found: Explanation) -> list[Direction]:
     return out
 
 
-def _gain(grams: Floats, gradients: Floats, own: int, j: int, weights: Floats | None) -> float:
-    """What the first `own` coefficients and j promise, j also by itself in windows as they are weighted: (n,)."""
-    free = sorted({*range(own), j})
-    gram, gradient = grams[:, free][:, :, free].sum(axis=0), gradients[:, free].sum(axis=0)
-    if weights is None:
-        return promised(gram, gradient)[0]
-    p = len(free)
-    wide, slope = np.empty((p + 1, p + 1)), np.append(gradient, weights @ gradients[:, j])
-    wide[:p, :p] = gram
-    wide[:p, p] = wide[p, :p] = weights @ grams[:, free, j]
-    wide[p, p] = weights**2 @ grams[:, j, j]
+def _gain(grams: Floats, gradients: Floats, own: int, j: int, steps: Sequence[Floats | Bools]) -> float:
+    """What the first `own` coefficients and j promise, j also by itself in windows as each of the steps weighs them."""
+    free, m = sorted({*range(own), j}), len(steps)
+    p, ways = len(free), np.array(steps, dtype=float).reshape(m, len(grams))
+    wide = np.empty((p + m, p + m))
+    wide[:p, :p] = grams[:, free][:, :, free].sum(axis=0)
+    wide[p:, :p] = ways @ grams[:, j, free]
+    wide[:p, p:] = wide[p:, :p].T
+    wide[p:, p:] = (ways * grams[:, j, j]) @ ways.T
+    slope = np.concatenate([gradients[:, free].sum(axis=0), ways @ gradients[:, j]])
     return promised(wide, slope)[0]
 
 

@@ -95,28 +95,25 @@ def _diagnosed(
         return apart, own.record
     sought = _sought(own, first)
     looked_again(watch, partial(watch.save, anyhow=True))
-    apart = None if sought.coloured else _apart(model, own, sought.under)
-    if apart is None and (others or sought.others) and not sought.settled:
+    if (others or sought.others) and not sought.settled:
         watch.over = True  # what was saved stands until a hypothesis is found better
         under = looked_again(watch, lambda: [_sought(o, _singles(model, o, settings, watch)) for o in others]) or []
         every = (*sought.others, *(h for each in under for h in (each, *each.others)))
         best = looked_again(watch, lambda: sought.likeliest(every))
-        if best is not None and not watch.stopped:
-            same = best.ready is sought.ready or best.coloured
-            sought, apart = best, None if same else _apart(model, best.ready, best.under)
-    answer = _concluded(sought) if apart is None else apart
-    elsewhere = sought.under.reached and answer.verdict in ("partial", "unexplained")  # what confirms differs
-    if apart is None and elsewhere and not settings.held_out_traces:
-        whole = None if sought.coloured else looked_again(watch, sought.under.of_everything)
-        apart = None if whole is None else _apart(model, sought.ready, whole)
-        answer = answer if apart is None else apart
+        sought = sought if best is None or watch.stopped else best
+    answer = _concluded(sought)
+    if answer.verdict in ("partial", "unexplained") and not sought.coloured:
+        answer = _apart(model, sought.ready, sought.under) or answer
     return answer, sought.ready.record
 
 
 def _apart(model: SymbolicModel, own: Ready, under: Hypothesis) -> Diagnosis | None:
     """The answer for one side of a change in mid-record."""
+    whole = looked_again(under.watch, under.of_everything)
+    if whole is None:
+        return None
     answer = _part_by(model, under.watch.tell)
-    apart = sides_apart(own.record, under.settings, under.search, under.found, answer)
+    apart = sides_apart(own.record, under.settings, whole.search, whole.found, answer)
     return None if apart is None else replace(apart, recording=(*own.faults, *apart.recording))
 
 

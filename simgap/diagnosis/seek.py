@@ -132,7 +132,9 @@ class Hypothesis:
         return self.anew(parts).with_what(self.found, self.left)
 
     def of_everything(self) -> Hypothesis:
-        """What was found, fitted to all windows, those that confirm among them."""
+        """What was found, fitted to all windows, those that confirm among them; traces that are held out are not."""
+        if self.settings.held_out_traces:
+            return self
         every = self.anew(replace(self.parts, known=self.parts.every))
         return replace(every, found=fitted_here(every.search, every.base, self.found))
 
