@@ -288,7 +288,7 @@ def folds_of(
     rows = [block for k in order for block in np.array_split(np.flatnonzero(part.trace == k), pieces)]
     sizes, own = np.array([len(block) for block in rows]), np.repeat(np.arange(len(order)), pieces)
     begins = np.cumsum(sizes) - sizes
-    windows = Windows(begins, begins + sizes, begins[own * pieces], own)
+    windows = Windows(begins, begins + sizes, own)
     folds = split_folds([names[k] for k in order], windows, held, share)
     if not folds.complete:
         raise UserError(

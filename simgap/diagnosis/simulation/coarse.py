@@ -137,7 +137,6 @@ def _thinned(problem: Problem, a: int, b: int, k: int, mean: bool) -> tuple[Floa
 
 def _mapped(windows: Windows, old: Ints, new: Ints, k: int) -> Windows:
     """The windows over the blocks; those that become too short are dropped."""
-    trace = np.searchsorted(old, windows.first)
-    start, stop = (new[trace] + -(-(edge - windows.first) // k) for edge in (windows.start, windows.stop))
-    kept = stop - start >= MIN_SAMPLES
-    return Windows(start, stop, new[trace], windows.trace).pick(kept)
+    old, new = old[windows.trace], new[windows.trace]
+    start, stop = (new + -(-(edge - old) // k) for edge in (windows.start, windows.stop))
+    return Windows(start, stop, windows.trace).pick(stop - start >= MIN_SAMPLES)

@@ -50,8 +50,8 @@ class Parts:
     def past_the_unknown(self, reach_s: float) -> Parts:
         """The same without the samples on which commands from before the record may still act."""
         kept = self.changed(lambda p: p.past_the_unknown(reach_s))
-        begin = {k: float(self.known.t[f]) + reach_s for _, _, f, k in self.known.windows}
-        return replace(kept, left_out=tuple(s for s in self.left_out if s[2] > begin.get(s[0], 0.0)))
+        known_from = self.known.t[self.known.firsts] + reach_s
+        return replace(kept, left_out=tuple(s for s in self.left_out if s[2] > known_from[s[0]]))
 
     def with_gross_errors(self, usual: Floats, spans: tuple[Span, ...]) -> Parts:
         """The same where misses much larger than a usual one (k,) are gross errors that weigh nothing.

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from simgap.arrays import Floats, Ints
-from simgap.diagnosis.record.folds import Windows, left_out, past_the_unknown
+from simgap.diagnosis.record.folds import Windows, left_out
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.simulation.noise_law import Colour, limited, whiten
 from simgap.diagnosis.simulation.past import measured_link, measured_speeds, memories, twists, twists_by_torque
@@ -98,8 +98,11 @@ class Problem:
         return float(np.max(-delay, initial=0.0))
 
     def past_the_unknown(self, reach_s: float) -> Problem:
-        """The same problem without the samples on which commands from before the record may still act."""
-        return self.on(past_the_unknown(self.windows, self.t, reach_s))
+        """The same problem without the samples on which commands from before the record may still act: they are not
+        in it."""
+        begins = enumerate(self.t[self.firsts].tolist())
+        spans = tuple((k, begin, begin + reach_s * (1 - 1e-9)) for k, begin in begins)
+        return self.on(left_out(self.windows, self.t, spans))
 
     def before_the_end(self, late_s: float) -> Problem:
         """The same problem without the last `late_s` of each trace, where what acted was logged after its end."""
@@ -210,7 +213,7 @@ class Problem:
         out = np.empty((int(self.rows[-1]), begin.shape[1]))
         simulate(
             *self.model.dynamics.addresses, self.t, *self._drive(theta), self.model.dynamics.constants_at(theta), begin,
-            w.first, w.start, w.stop, self.rows[:-1], self.model.dynamics.speed, self._step(theta), out,
+            self.firsts[w.trace], w.start, w.stop, self.rows[:-1], self.model.dynamics.speed, self._step(theta), out,
         )  # fmt: skip
         return np.ascontiguousarray(out[:, : self.model.begun])
 
@@ -281,7 +284,7 @@ class Problem:
     @cached_property
     def _since(self) -> Floats:
         """(rows,) s from the first sample of the trace."""
-        return self._stamps - np.repeat(self.t[self.windows.first], np.diff(self.rows))
+        return self._stamps - np.repeat(self.t[self.firsts[self.windows.trace]], np.diff(self.rows))
 
     def misses(self, theta: Floats, x0: Floats) -> Floats:
         """(measured - predicted) / sigma, (rows, k); a diverging simulation is cut to a large number."""
