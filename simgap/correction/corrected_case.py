@@ -114,9 +114,8 @@ def acted_out(context: Context, section: MeasuredSection, applied: Sequence[Appl
 
 
 def measured_out(
-    context: Context, section: MeasuredSection, found: Diagnosis, names: tuple[Sequence[str], Sequence[str]],
-    engine_log: Path | None = None,
-) -> ActedOut | None:  # fmt: skip
+    context: Context, section: MeasuredSection, found: Diagnosis, names: tuple[Sequence[str], Sequence[str]]
+) -> ActedOut | None:
     """`acted_out`, decided by the recordings that were fitted where they can: see the module.
 
     Args:
@@ -137,7 +136,7 @@ def measured_out(
         return stated
     sets = _sets(stated.able, stated.effects)
     try:
-        errors = _errors(context, found, names[0], sets, engine_log)
+        errors = _errors(context, found, names[0], sets)
     except UserError as error:  # a process that died is no answer
         log.warning("the simulator cannot follow the recordings: %s", error)
         return stated
@@ -151,9 +150,7 @@ def _sets(able: Effects, stated: Effects) -> list[Effects]:
     return [stated, *(s for s in every if s != stated)]
 
 
-def _errors(
-    context: Context, found: Diagnosis, measured: Sequence[str], sets: Sequence[Effects], engine_log: Path | None
-) -> list[float]:
+def _errors(context: Context, found: Diagnosis, measured: Sequence[str], sets: Sequence[Effects]) -> list[float]:
     """How far the simulator strays from the windows that were fitted with each set of effects; none without windows."""
     fitted = [w for w in found.windows if not w.held_out]
     fitted = fitted[:: max(1, -(-len(fitted) // _MOST_FOLLOWED))]
@@ -166,7 +163,7 @@ def _errors(
         (_with(context.case, s), [r.start for r in own], [r.inputs for r in own])
         for s, own in zip(sets, runs, strict=True)
     ]
-    (paths,) = run_in_processes(follow, [(jobs, context.folder)], log=engine_log)
+    (paths,) = run_in_processes(follow, [(jobs, context.folder)])
     columns = [context.states.index(n) for n in measured]
     sigma = np.array([found.sigma[n] for n in measured])
     return [stray(own, path, columns, sigma, tau) for own, path in zip(runs, paths, strict=True)]

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from simgap.arrays import Floats, Ints
+from simgap.diagnosis.record.faults.measurement import Rows
 from simgap.diagnosis.record.folds import Windows, left_out
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.simulation.noise_law import Colour, limited, whiten
@@ -272,7 +273,7 @@ class Problem:
             if theta[slot] != 0.0:
                 own = np.ascontiguousarray(out[:, column])
                 read, noise = self.readings[:, column], float(self.sigma[column])
-                fault.distort(own, float(theta[slot]), self._stamps, read, noise, self.rows, self._since)
+                fault.distort(own, float(theta[slot]), Rows(self._stamps, self._since, self.rows, read, noise))
                 out[:, column] = own
         return out
 
