@@ -16,8 +16,8 @@ from simgap.arrays import Floats, Ints
 from simgap.diagnosis.record.faults.measurement import Rows
 from simgap.diagnosis.record.folds import Windows, left_out
 from simgap.diagnosis.record.record import Record
+from simgap.diagnosis.simulation import past
 from simgap.diagnosis.simulation.noise_law import Colour, limited, whiten
-from simgap.diagnosis.simulation.past import measured_link, measured_speeds, memories, twists, twists_by_torque
 from simgap.diagnosis.simulation.simulate import simulate
 from simgap.diagnosis.simulation.supermodel import SuperModel
 from simgap.diagnosis.thresholds import BRIEF_S
@@ -223,16 +223,13 @@ class Problem:
         quick = max((train.quick(theta) for train in self.model.trains), default=0.0)
         return self.h_max / max(1.0, quick * self.spacing / _TURN)
 
-    def _speeds(self) -> Floats:
-        """Measured speed between the stamps of each coordinate that an effect remembers, (n, h); kept."""
-        on = [self.model.model.coordinate(c.on) for c in self.model.remembered]
-        make = partial(measured_speeds, on, self.model.measured, self.t, self.y, self.firsts)
-        return self.memo.kept("speeds", b"", make)
-
     def _memories(self, theta: Floats) -> Floats:
         """The effects' own states at every stamp, (n, h); kept for the last few of their numbers."""
+        on = [self.model.model.coordinate(c.on) for c in self.model.remembered]
         slots = [k for c in self.model.remembered for k in c.slots]
-        make = partial(memories, self.model.past, theta, self.t, self._speeds(), self.firsts)
+        measure = partial(past.measured_speeds, on, self.model.measured, self.t, self.y, self.firsts)
+        speeds = self.memo.kept("speeds", b"", measure)
+        make = partial(past.memories, self.model.past, theta, self.t, speeds, self.firsts)
         return self.memo.kept("memories", theta[slots].tobytes(), make)
 
     def _twists(self, k: int, theta: Floats) -> Floats:
@@ -245,12 +242,12 @@ class Problem:
         if train.quick(theta) == 0.0:
             return np.zeros((len(self.t), 2))
         on, law = self.model.model.coordinate(train.on), np.array(train.numbers(theta), dtype=np.float64)
-        make = partial(measured_link, on, self.model.measured, self.t, self.y, self.firsts)
+        make = partial(past.measured_link, on, self.model.measured, self.t, self.y, self.firsts)
         q, v = self.memo.kept(f"link of {k}", b"", make)
         felt = self._felt(theta, train.inputs)
         if train.read_at_motor(theta):
-            return twists_by_torque(self.t, v, felt, law, self.edges)
-        return np.asarray(twists(self.t, q, v, felt, law[:-1], self.edges))
+            return past.twists_by_torque(self.t, v, felt, law, self.edges)
+        return np.asarray(past.twists(self.t, q, v, felt, law[:-1], self.edges))
 
     def _felt(self, theta: Floats, inputs: tuple[int, ...]) -> Floats:
         """The sum of some inputs as the plant feels it at each stamp, (n,)."""
