@@ -406,10 +406,9 @@ def _on_hardware(
     if moving and isinstance(content.get("simulator"), dict):
         _append(content["simulator"], moving)
     case = parse_case(content, target, case_path)
-    if isinstance(content.get("simulator"), dict):  # what it does not remember is no state of a roll-out
-        late = [(e["name"], e["on"]) for e in content["simulator"].get("effects", [])]
-    else:
-        late = [(e.name, e.on) for e in case.plant.effects]
+    # what a simulator does not remember is no state of a roll-out
+    remembering = case.plant if case.simulator is None else case.simulator
+    late = {(e.name, e.on) for e in remembering.effects}
     every = [AppliedEffect(e.name, e.on, e.parameters) for e in case.plant.effects]
     shared = [e for e in every if not effect(e.name).remembers or (e.name, e.on) in late]
     return remember_commands(content, case, shared)

@@ -16,6 +16,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from simgap.arrays import Bools, Floats, Ints
 from simgap.diagnosis.record.record import MIN_SAMPLES, Record, runs
+from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.thresholds import FEWEST_WINDOWS
 from simgap.errors import UserError
 
@@ -165,34 +166,27 @@ class Folds:
         return all(mask.any() for mask in (self.fit, self.choose, self.confirm))
 
 
-def needed_ahead(record: Record, window_s: float, horizon_s: float) -> float:
-    """What a prediction needs in one piece, s: the horizon, and half a window or as many samples as begin it."""
-    return horizon_s + max(0.5 * window_s, (LOOK_BACK_SAMPLES + 1) * record.interval)
-
-
-def cut_in_folds(
-    record: Record, seconds: float, traces: tuple[str, ...], share: float, ahead_s: float
-) -> tuple[Windows, Folds, float]:
+def cut_in_folds(record: Record, settings: DiagnosisSettings, seconds: float) -> tuple[Windows, Folds, float]:
     """Windows of a record, the folds that they are of, and how long they are (s).
 
     A record that has too few windows of that length for three folds, or fewer than `FEWEST_WINDOWS` that do not
-    confirm, is cut into windows of half the length, and so on.
+    confirm, is cut into windows of half the length, and so on. Neighbouring windows of a fold are together as long as
+    what a prediction needs in one piece: the horizon, and half a window as asked for or as many samples as begin it.
 
     Args:
         record: the traces.
+        settings: what confirms, the horizon and the window that were asked for.
         seconds: length of a window.
-        traces: names of traces that confirm; if empty, `share` of the record does.
-        share: of traces or windows that confirm.
-        ahead_s: what a prediction needs in one piece, s: neighbouring windows of a fold are as long together.
 
     Raises:
         UserError: if windows as short as `MIN_SAMPLES` samples are too few, or for what `split_windows` and
             `confirm_mask` refuse.
     """
     length, names = seconds, [trace.name for trace in record.traces]
+    ahead = settings.horizon_s + max(0.5 * settings.window_s, (LOOK_BACK_SAMPLES + 1) * record.interval)
     while True:
-        windows = split_windows(record, length)
-        folds = split_folds(names, windows, traces, share, max(1, int(np.ceil(ahead_s / length - 1e-9))))
+        windows, block = split_windows(record, length), max(1, int(np.ceil(ahead / length - 1e-9)))
+        folds = split_folds(names, windows, settings.held_out_traces, settings.held_out_share, block)
         shortest = windows.samples < 2 * MIN_SAMPLES * len(windows)
         if folds.complete and (shortest or np.count_nonzero(~folds.confirm) >= FEWEST_WINDOWS):
             return windows, folds, length
