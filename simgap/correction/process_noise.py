@@ -142,8 +142,7 @@ class _Plant:
             first = float(w.t[0] + a * self.step)
             inside = (w.t >= first - 1e-9) & (w.t <= w.t[0] + b * self.step * (1 + 1e-9))
             at = first + h * np.arange((b - a) * self.pieces)
-            means = [mean_input(w, j, at - late[j], h) for j in range(len(late))]
-            inputs = np.stack(means, axis=1) if means else np.zeros((len(at), 0))
+            inputs = np.reshape([mean_input(w, j, at - s, h) for j, s in enumerate(late)], (len(late), len(at))).T
             start, begin = np.zeros(len(self.model.state_names)), int(np.argmax(inside))
             start[: w.states.shape[1]] = w.states[begin, : len(start)]
             start[self.measured] = w.measured[begin]
