@@ -59,7 +59,7 @@ class ActedOut:
     Attributes:
         effects: those that it acts out beside what the case declares.
         reason: why, in a sentence.
-        tried: sets of effects, by (name, on), and how far the simulator strays from the recordings with each, in
+        tried: sets of effects, and how far the simulator strays from the recordings with each, in
             standard deviations of the noise; empty where that was not measured.
         rest: what the engine cannot act out, as a sentence; empty where it can act out everything.
         able: effects that it can act out, where recordings may decide between them.
@@ -67,19 +67,18 @@ class ActedOut:
 
     effects: Effects
     reason: str
-    tried: tuple[tuple[tuple[tuple[str, str], ...], float], ...] = ()
+    tried: tuple[tuple[Effects, float], ...] = ()
     rest: str = ""
     able: Effects = ()
 
     def document(self) -> dict[str, Any]:
         """As `diagnosis.json` holds it."""
-        return {
-            "effects": [{"name": e.name, "on": e.on} for e in self.effects],
-            "reason": self.reason,
-            "tried": [
-                {"effects": [{"name": n, "on": on} for n, on in names], "error": error} for names, error in self.tried
-            ],
-        }
+
+        def places(effects: Effects) -> list[dict[str, str]]:
+            return [{"name": e.name, "on": e.on} for e in effects]
+
+        tried = [{"effects": places(own), "error": error} for own, error in self.tried]
+        return {"effects": places(self.effects), "reason": self.reason, "tried": tried}
 
 
 def acted_out(context: Context, section: MeasuredSection, applied: Sequence[AppliedEffect]) -> ActedOut | None:
@@ -105,7 +104,7 @@ def acted_out(context: Context, section: MeasuredSection, applied: Sequence[Appl
     )
     if section.into_simulator is not None:
         own, words, left = (able, "acts them out", rest) if section.into_simulator else ((), "stays as it is", "")
-        return ActedOut(own, f"The simulator {words}, as measured.into_simulator says.{left}", rest=rest)
+        return ActedOut(own, f"The simulator {words}, as measured.into_simulator says.{left}")
     if kind is None or kind.of_its_own(case):
         reason = "The simulator is a separate model and stays as it is: whether it lacks the effects was not measured"
         return ActedOut((), f"{reason} (measured.into_simulator: true adds them).{rest}", rest=rest, able=able)
@@ -114,9 +113,8 @@ def acted_out(context: Context, section: MeasuredSection, applied: Sequence[Appl
 
 
 def measured_out(
-    context: Context, section: MeasuredSection, found: Diagnosis, names: tuple[Sequence[str], Sequence[str]],
-    engine_log: Path | None = None,
-) -> ActedOut | None:  # fmt: skip
+    context: Context, section: MeasuredSection, found: Diagnosis, names: tuple[Sequence[str], Sequence[str]]
+) -> ActedOut | None:
     """`acted_out`, decided by the recordings that were fitted where they can: see the module.
 
     Args:
@@ -137,7 +135,7 @@ def measured_out(
         return stated
     sets = _sets(stated.able, stated.effects)
     try:
-        errors = _errors(context, found, names[0], sets, engine_log)
+        errors = _errors(context, found, names[0], sets)
     except UserError as error:  # a process that died is no answer
         log.warning("the simulator cannot follow the recordings: %s", error)
         return stated
@@ -151,9 +149,7 @@ def _sets(able: Effects, stated: Effects) -> list[Effects]:
     return [stated, *(s for s in every if s != stated)]
 
 
-def _errors(
-    context: Context, found: Diagnosis, measured: Sequence[str], sets: Sequence[Effects], engine_log: Path | None
-) -> list[float]:
+def _errors(context: Context, found: Diagnosis, measured: Sequence[str], sets: Sequence[Effects]) -> list[float]:
     """How far the simulator strays from the windows that were fitted with each set of effects; none without windows."""
     fitted = [w for w in found.windows if not w.held_out]
     fitted = fitted[:: max(1, -(-len(fitted) // _MOST_FOLLOWED))]
@@ -166,7 +162,7 @@ def _errors(
         (_with(context.case, s), [r.start for r in own], [r.inputs for r in own])
         for s, own in zip(sets, runs, strict=True)
     ]
-    (paths,) = run_in_processes(follow, [(jobs, context.folder)], log=engine_log)
+    (paths,) = run_in_processes(follow, [(jobs, context.folder)])
     columns = [context.states.index(n) for n in measured]
     sigma = np.array([found.sigma[n] for n in measured])
     return [stray(own, path, columns, sigma, tau) for own, path in zip(runs, paths, strict=True)]
@@ -196,7 +192,6 @@ def _judged(stated: ActedOut, sets: Sequence[Effects], errors: Sequence[float]) 
     errors = np.nan_to_num(np.array(errors), nan=np.inf).tolist()
     best = int(np.argmin(errors))
     best = best if errors[best] < (1.0 - MATTERS) * errors[0] and errors[best] <= NEAR else 0
-    tried = tuple((tuple((e.name, e.on) for e in s), error) for s, error in zip(sets, errors, strict=True))
     taken, other = sets[best], max(sets, key=len) if not sets[best] else ()
     words = joined([effect(e.name).phrase(e.on) for e in taken])
     what = f"includes {words}" if taken else "stays as it is"
@@ -205,14 +200,12 @@ def _judged(stated: ActedOut, sets: Sequence[Effects], errors: Sequence[float]) 
         " It follows them with none of these sets; something else differs, such as its time step (substeps), its "
         "own damping, or commands that change within tau, and remains part of the gap."
     )
-    return ActedOut(
-        taken,
+    reason = (
         f"The simulator {what}: it then misses the fitted recordings by {number(errors[best], 3)} times "
         f"their noise; {beside}, by {number(errors[sets.index(other)], 3)} times.{far if min(errors) > NEAR else ''}"
-        f"{stated.rest}",
-        tried,
-        stated.rest,
+        f"{stated.rest}"
     )
+    return ActedOut(taken, reason, tuple(zip(sets, errors, strict=True)))
 
 
 LARGEST_ROLLOUTS = 2_000_000
@@ -294,10 +287,11 @@ def _rollouts(case: Case, ranges: Mapping[str, tuple[float, float]]) -> bool:
         return False
     if case.grid.eps is None:
         cells = [math.ceil((own[n][1] - own[n][0]) / (2 * h)) for n, h in case.grid.half_widths.items()]
-        return math.prod(cells) * LAG_SAMPLES ** len(ranges) * _inputs(case) <= LARGEST_ROLLOUTS
-    ends = [*own.values(), *ranges.values()]
-    grid = Grid.covering(Box([lo for lo, _ in ends], [hi for _, hi in ends]), case.grid.eps)
-    return math.prod(grid.cells) * _inputs(case) <= LARGEST_ROLLOUTS
+        count = math.prod(cells) * LAG_SAMPLES ** len(ranges)
+    else:
+        lows, highs = zip(*own.values(), *ranges.values(), strict=True)
+        count = math.prod(Grid.covering(Box(lows, highs), case.grid.eps).cells)
+    return count * _inputs(case) <= LARGEST_ROLLOUTS
 
 
 def _pairs(case: Case, lags: int) -> bool:
@@ -314,9 +308,9 @@ def _one_sample(case: Case, delays: Mapping[str, float]) -> bool:
     free = case.sensing is None or case.sensing.latency == case.sensing.known_delay
     inputs = _inputs(case)
     cells = math.prod(case.synthesis.cells)
-    if specification_of(case).on_true_cells:
-        return near and free and cells * inputs * packed_width(inputs) <= LARGEST_TABLES
-    return near and free and bytes_of_nodes(cells, inputs) <= LARGEST_TABLES
+    whole = specification_of(case).on_true_cells
+    size = cells * inputs * packed_width(inputs) if whole else bytes_of_nodes(cells, inputs)
+    return near and free and size <= LARGEST_TABLES
 
 
 def _inputs(case: Case) -> int:
@@ -412,10 +406,9 @@ def _on_hardware(
     if moving and isinstance(content.get("simulator"), dict):
         _append(content["simulator"], moving)
     case = parse_case(content, target, case_path)
-    if isinstance(content.get("simulator"), dict):  # what it does not remember is no state of a roll-out
-        late = [(e["name"], e["on"]) for e in content["simulator"].get("effects", [])]
-    else:
-        late = [(e.name, e.on) for e in case.plant.effects]
+    # what a simulator does not remember is no state of a roll-out
+    remembering = case.plant if case.simulator is None else case.simulator
+    late = {(e.name, e.on) for e in remembering.effects}
     every = [AppliedEffect(e.name, e.on, e.parameters) for e in case.plant.effects]
     shared = [e for e in every if not effect(e.name).remembers or (e.name, e.on) in late]
     return remember_commands(content, case, shared)

@@ -142,8 +142,7 @@ class _Plant:
             first = float(w.t[0] + a * self.step)
             inside = (w.t >= first - 1e-9) & (w.t <= w.t[0] + b * self.step * (1 + 1e-9))
             at = first + h * np.arange((b - a) * self.pieces)
-            means = [mean_input(w, j, at - late[j], h) for j in range(len(late))]
-            inputs = np.stack(means, axis=1) if means else np.zeros((len(at), 0))
+            inputs = np.reshape([mean_input(w, j, at - s, h) for j, s in enumerate(late)], (len(late), len(at))).T
             start, begin = np.zeros(len(self.model.state_names)), int(np.argmax(inside))
             start[: w.states.shape[1]] = w.states[begin, : len(start)]
             start[self.measured] = w.measured[begin]
@@ -209,24 +208,25 @@ class _Plant:
             yield (1.0 - share) * seen[low] + share * seen[low + 1], states[:, :, i]
 
 
-def _correlations(steps: int) -> list[Floats]:
-    """Of the forces of a stretch: none, and for each frequency ones that last, (steps, steps)."""
+def _correlations(steps: int) -> Floats:
+    """Of the forces of a stretch: none, and for each frequency ones that last; roots, (c, steps, steps)."""
     apart = np.abs(np.subtract.outer(np.arange(steps), np.arange(steps)))
     turns = np.linspace(0.0, np.pi, _FREQUENCIES)
-    return [np.eye(steps), *(np.cos(w * apart) * r**apart for w in turns for r in _LASTING)]
+    values, vectors = np.linalg.eigh([np.eye(steps), *(np.cos(w * apart) * r**apart for w in turns for r in _LASTING)])
+    return np.asarray(vectors * np.sqrt(values.clip(0.0))[:, None])
 
 
 def _largest_credible(regressions: Sequence[_Regression], k: int, beyond: float) -> float:
     """The largest variance of a kind of force that the profile likelihood of these stretches allows, but for a
     probability `beyond`."""
     rows, rss = sum(r.rows for r in regressions), sum(r.rss for r in regressions)
-    kernels = {n: _correlations(n) for n in {len(r.b[k]) for r in regressions}}
+    roots = {n: _correlations(n) for n in {len(r.b[k]) for r in regressions}}
     costs, squares = [], []
     unit = 1.0 / np.median(np.concatenate([np.diag(r.g[k]) for r in regressions]).clip(1e-300))
-    for c in range(len(next(iter(kernels.values())))):
+    for c in range(len(next(iter(roots.values())))):
         eigen, z = [], []
         for r in regressions:
-            root = _root(kernels[len(r.b[k])][c])
+            root = roots[len(r.b[k])][c]
             values, vectors = np.linalg.eigh(root.T @ r.g[k] @ root)
             eigen.append(values.clip(0.0))
             z.append((vectors.T @ root.T @ r.b[k]) ** 2)
@@ -242,8 +242,3 @@ def _largest_credible(regressions: Sequence[_Regression], k: int, beyond: float)
     price = 0.5 * rows * (np.log(factors) + 1.0 / factors - 1.0)
     wide = factors[np.searchsorted(price, room.clip(0.0), side="right") - 1]
     return float(np.max(np.where(room >= 0.0, ratio * square * wide, 0.0)))
-
-
-def _root(correlation: Floats) -> Floats:
-    values, vectors = np.linalg.eigh(correlation)
-    return np.asarray(vectors * np.sqrt(values.clip(0.0)))

@@ -170,8 +170,7 @@ def _commands(w: WindowPrediction, at: Floats, model: SymbolicModel, late: Mappi
     shift = [late.get(n, 0.0) for n in model.input_names]
 
     def mean(since: float, h: float) -> Floats:
-        each = [mean_input(w, j, at - shift[j] + since, h) for j in range(len(shift))]
-        return np.stack(each) if each else np.zeros((0, len(at)))
+        return np.reshape([mean_input(w, j, at - s + since, h) for j, s in enumerate(shift)], (len(shift), len(at)))
 
     return mean
 

@@ -56,7 +56,7 @@ def one_window(
     measured = measured or model.state_names
     compiled = cached_supermodel(model, measured)
     trace = Trace("only", t, np.zeros((len(t), len(measured))), np.reshape(u, (len(t), -1)))
-    windows = Windows(*(np.array([k], dtype=np.int64) for k in (0, len(t), 0, 0)))
+    windows = Windows(*(np.array([k], dtype=np.int64) for k in (0, len(t), 0)))
     record = Record((trace,), measured, model.input_names)
     return build_problem(compiled, record, windows, np.ones(len(measured))), compiled
 

@@ -280,6 +280,12 @@ def test_a_budget_too_small_for_an_arm_is_refused(tmp_path, plain):
         diagnosed(tmp_path, plain, LIGHT, more="  budget_s: 0.01\n")
 
 
+def test_two_payloads_of_one_link_have_a_mass_each(tmp_path, plain):
+    two = "  payloads: [{file: heavy.csv, link: link3}, {file: light_2.csv, link: link3}]\n"
+    result = diagnosed(tmp_path, plain, ("light_1", "heavy", "light_2", "light_3"), more=two)
+    assert [p["parameters"]["m"]["value"] for p in result["payloads"]] == pytest.approx([4.0, 0.0], abs=0.04)
+
+
 def test_a_payload_that_nothing_fitted_carries_is_refused(tmp_path, plain):
     loads = ", ".join(f"{{file: {x}.csv, link: link3}}" for x in ("light_1", "heavy", "light_2"))
     with pytest.raises(UserError, match="no fitted trace carries the payload of 'link3'") as error:

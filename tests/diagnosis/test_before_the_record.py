@@ -9,7 +9,7 @@ import pytest
 
 from simgap.diagnosis.conclude import Evidence, verdict
 from simgap.diagnosis.diagnose import diagnose
-from simgap.diagnosis.record.folds import past_the_unknown, split_windows
+from simgap.diagnosis.record.folds import split_windows
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.search.confidence import vanishing
@@ -35,12 +35,13 @@ def _record(traces, states, inputs):
 def test_the_first_window_of_each_trace_begins_where_its_commands_are_known():
     traces = tuple(Trace(f"t{k}", 5.0 + np.arange(300) * 0.01, np.zeros((300, 1)), np.zeros((300, 1))) for k in (0, 1))
     record = Record(traces, ("q",), ("u",))
-    windows, t = split_windows(record, 1.0), np.concatenate([trace.t for trace in traces])
-    known = past_the_unknown(windows, t, 0.22)
+    windows = split_windows(record, 1.0)
+    problem = build_problem(cached_supermodel(block(), ("q",)), record, windows, np.ones(1))
+    known = problem.past_the_unknown(0.22).windows
     assert (known.start - windows.start).tolist() == [22, 0, 0, 22, 0, 0]
-    assert known.first.tolist() == windows.first.tolist()
-    assert past_the_unknown(windows, t, 0.98).start.tolist() == [100, 200, 400, 500]  # too short to be worth keeping
-    assert past_the_unknown(windows, t, 60.0) is windows
+    assert known.trace.tolist() == windows.trace.tolist()
+    assert problem.past_the_unknown(0.98).windows.start.tolist() == [100, 200, 400, 500]  # the rest is too short
+    assert problem.past_the_unknown(60.0).windows is windows
 
 
 def test_a_delay_in_a_record_that_begins_in_mid_motion_is_attributed():

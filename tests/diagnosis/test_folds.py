@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -14,6 +16,7 @@ from simgap.errors import UserError
 from tests.diagnosis.plants import block
 
 DT, MASS = 0.01, 2.0
+SETTINGS = DiagnosisSettings(horizon_s=0.0)
 
 
 def _still(*seconds: float) -> Record:
@@ -58,16 +61,17 @@ def test_traces_stay_whole_where_there_are_several():
 
 
 def test_a_short_record_is_cut_finer_or_refused():
-    windows, folds, length = cut_in_folds(_still(1.0), 1.0, (), 0.25, 0.5)
+    windows, folds, length = cut_in_folds(_still(1.0), SETTINGS, 1.0)
     assert folds.complete
     assert length < 1.0
     assert len(windows) >= 3
-    _, folds, length = cut_in_folds(_still(1.0, 6.0), 1.0, ("t1",), 0.25, 0.5)  # one window is left for two folds
+    told = replace(SETTINGS, held_out_traces=("t1",))
+    _, folds, length = cut_in_folds(_still(1.0, 6.0), told, 1.0)  # one window is left for two folds
     assert folds.complete
     assert length == 0.25
     assert np.count_nonzero(~folds.confirm) == FEWEST_WINDOWS
     with pytest.raises(UserError, match="too few for the three folds"):
-        cut_in_folds(_still(0.1), 0.1, (), 0.25, 0.05)
+        cut_in_folds(_still(0.1), replace(SETTINGS, window_s=0.1), 0.1)
 
 
 def _slid(viscous: float, dry: float, seed: int, seconds: float = 8.0) -> Trace:
@@ -118,4 +122,4 @@ def test_a_confirmation_that_fails_is_no_attribution():
 
 def test_a_share_that_leaves_nothing_to_fit_is_refused():
     with pytest.raises(UserError, match="leaves nothing to fit"):
-        cut_in_folds(Record((_slid(0.4, 0.1, 1, 8.0),), ("q",), ("u",)), 1.0, (), 0.95, 0.5)
+        cut_in_folds(Record((_slid(0.4, 0.1, 1, 8.0),), ("q",), ("u",)), replace(SETTINGS, held_out_share=0.95), 1.0)

@@ -94,7 +94,7 @@ def test_errors_ahead_are_told_of_a_plant_that_is_read_50000_times_a_second():
     t = np.arange(2000) / 50_000.0
     record = Record((Trace("a", t, np.zeros((2000, 1)), np.zeros((2000, 1))),), ("q",), ("u",))
     start = np.arange(0, 2000, 100, dtype=np.int64)
-    windows = Windows(start, start + 100, np.zeros(20, dtype=np.int64), np.zeros(20, dtype=np.int64))
+    windows = Windows(start, start + 100, np.zeros(20, dtype=np.int64))
     ahead = horizon_error(build_problem(model, record, windows, np.array([1e-3])), model.null, 0.001)
     assert ahead is not None
     assert len(ahead.error) > 20
@@ -108,7 +108,7 @@ def test_a_prediction_that_ends_where_nothing_was_read_is_no_prediction(lost):
     used = (rng.random((4000, 1)) >= lost).astype(float)
     record = Record((Trace("a", t, 1e-3 * rng.standard_normal((4000, 1)), np.zeros((4000, 1)), used),), ("q",), ("u",))
     start = np.arange(0, 4000, 100, dtype=np.int64)
-    windows = Windows(start, start + 100, np.zeros(40, dtype=np.int64), np.zeros(40, dtype=np.int64))
+    windows = Windows(start, start + 100, np.zeros(40, dtype=np.int64))
     found = horizon_error(build_problem(model, record, windows, np.array([1e-3])), model.null, 0.2)
     assert found is not None
     assert len(found.error) > 500
@@ -122,7 +122,7 @@ def test_a_noise_taken_for_too_large_becomes_that_of_the_readings_that_are_left(
     used = (rng.random((4000, 1)) >= lost).astype(float)
     record = Record((Trace("a", t, 1e-3 * rng.standard_normal((4000, 1)), np.zeros((4000, 1)), used),), ("q",), ("u",))
     start = np.arange(0, 4000, 100, dtype=np.int64)
-    windows = Windows(start, start + 100, np.zeros(40, dtype=np.int64), np.zeros(40, dtype=np.int64))
+    windows = Windows(start, start + 100, np.zeros(40, dtype=np.int64))
     problem = build_problem(cached_supermodel(block(), ("q",)), record, windows, np.array([3e-3]))
     parts = Parts(problem, problem, problem, problem, 1.0, 0.5)
     start = Hypothesis.of(parts, DiagnosisSettings(max_effects=0), {}, Watch())

@@ -224,7 +224,7 @@ def test_what_stands_out_before_the_record_is_forgotten_was_no_push():
 
 def test_windows_are_cut_around_what_is_left_out():
     t = np.concatenate([np.arange(100) * 0.01, np.arange(100) * 0.01])
-    at = (np.array(a) for a in ([0, 100, 150], [100, 150, 200], [0, 100, 100], [0, 1, 1]))
+    at = (np.array(a) for a in ([0, 100, 150], [100, 150, 200], [0, 1, 1]))
     cut = left_out(Windows(*at), t, ((0, 0.295, 0.405), (1, 0.47, 0.515)))
     assert cut.start.tolist() == [0, 41, 100, 152]
     assert cut.stop.tolist() == [30, 100, 147, 200]
@@ -233,7 +233,7 @@ def test_windows_are_cut_around_what_is_left_out():
 
 def test_windows_are_cut_where_a_push_begins():
     t = np.concatenate([np.arange(100) * 0.01, np.arange(100) * 0.01])
-    at = (np.array(a) for a in ([0, 100, 150], [100, 150, 200], [0, 100, 100], [0, 1, 1]))
+    at = (np.array(a) for a in ([0, 100, 150], [100, 150, 200], [0, 1, 1]))
     cut = cut_at(Windows(*at), t, ((0, 0.295, 0.405), (1, 0.47, 0.9)))  # too near an edge
     assert cut.start.tolist() == [0, 30, 41, 100, 150, 190]
     assert cut.stop.tolist() == [30, 41, 100, 150, 190, 200]
@@ -242,7 +242,7 @@ def test_windows_are_cut_where_a_push_begins():
 
 def test_a_part_too_short_for_a_fit_goes_where_it_is_of_a_push_and_stays_where_it_is_not():
     t = np.arange(100) * 0.01
-    whole = Windows(*(np.array([k]) for k in (0, 100, 0, 0)))
+    whole = Windows(*(np.array([k]) for k in (0, 100, 0)))
     at_the_start = cut_at(whole, t, ((0, 0.0, 0.055),))
     assert (at_the_start.start.tolist(), at_the_start.stop.tolist()) == ([6], [100])
     beside_it = cut_at(whole, t, ((0, 0.03, 0.4),))

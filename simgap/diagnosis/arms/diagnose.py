@@ -29,6 +29,7 @@ from simgap.diagnosis.arms.problem import (
     keys_of,
     motions,
     part_of,
+    payload_columns,
 )
 from simgap.diagnosis.arms.torque_columns import faulty_columns, without
 from simgap.diagnosis.record.noise import noise_floor
@@ -246,7 +247,7 @@ def answer(
         effects=effects,
         applied=tuple(AppliedEffect(e.name, e.on, {s: p.value for s, p in e.parameters.items()}) for e in kept),
         base=base,
-        payloads=_payloads(found, payloads),
+        payloads=_payloads(tree, found, payloads),
         before=by_input(rms(part.y)),
         after=by_input(rms(after)),
         floor=by_input(found.noise),
@@ -344,11 +345,10 @@ def _links(base: Sequence[BaseParameter]) -> list[FoundEffect]:
     return [FoundEffect(INERTIAL, link, parameters) for link, parameters in out.items()]
 
 
-def _payloads(found: Found, payloads: Sequence[Payload]) -> tuple[FoundPayload, ...]:
-    unit, out = dict(zip(PARAMETERS, UNITS, strict=True)), []
+def _payloads(tree: Tree, found: Found, payloads: Sequence[Payload]) -> tuple[FoundPayload, ...]:
+    columns, out = (k for k, key in enumerate(found.keys) if key.effect == PAYLOAD), []
     for p in payloads:
-        own = {key.symbol: k for k, key in enumerate(found.keys) if key.effect == PAYLOAD and key.on == p.link}
-        values = {symbol: found.estimate(k, unit[symbol]) for symbol, k in own.items()}
+        values = {PARAMETERS[i]: found.estimate(next(columns), UNITS[i]) for i in payload_columns(tree, p)}
         out.append(FoundPayload(p.link, p.traces, values))
     return tuple(out)
 

@@ -195,10 +195,9 @@ def admissible(key: Key, value: float) -> bool:
 
 def _bic(gram: Floats, right: Floats, judge: Part, together: Floats, active: tuple[int, ...]) -> float:
     """Of coefficients on a part that they were not fitted to: rows count as N / `together` independent ones."""
-    left, rows = residual(judge, solve(gram, right, active)), judge.live.sum(axis=0)
-    independent = np.maximum(rows / together, 1.0)
-    mean = (judge.live * left**2).sum(axis=0) / np.maximum(rows, 1.0)
-    return float(independent @ np.log(np.maximum(mean, 1e-300)) + len(active) * np.log(independent.sum()))
+    independent = np.maximum(judge.live.sum(axis=0) / together, 1.0)
+    size = np.maximum(spread(judge, solve(gram, right, active)), 1e-150)
+    return float(2.0 * independent @ np.log(size) + len(active) * np.log(independent.sum()))
 
 
 def _own_direction(gram: Floats, active: tuple[int, ...], k: int) -> bool:

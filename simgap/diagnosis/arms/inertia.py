@@ -59,19 +59,10 @@ def base_parameters(tree: Tree) -> BaseParameters:
 
 def independent(columns: Floats) -> Ints:
     """Columns, from the left, that are no combination of those before them."""
-    basis, found = np.zeros((len(columns), 0)), []
-    for k in range(columns.shape[1]):
-        size = np.linalg.norm(columns[:, k])
-        if size < _OWN * max(1.0, float(np.abs(columns).max())):
-            continue
-        rest = columns[:, k] / size
-        for _ in range(2):  # twice is enough (Giraud, Langou, Rozloznik (2005))
-            rest = rest - basis @ (basis.T @ rest)
-        own = np.linalg.norm(rest)
-        if own > np.sqrt(_OWN):
-            basis = np.column_stack([basis, rest / own])
-            found.append(k)
-    return np.array(found, dtype=np.int64)
+    size = np.linalg.norm(columns, axis=0)
+    acts = np.flatnonzero(size >= _OWN * max(1.0, float(np.abs(columns).max())))
+    own = np.abs(np.diag(np.linalg.qr(columns[:, acts] / size[acts], mode="r")))  # a combination leaves rounding
+    return acts[own > np.sqrt(_OWN)]
 
 
 def _named(row: Floats, names: tuple[str, ...], first: int) -> str:
@@ -127,9 +118,7 @@ def consistent(tree: Tree, base: BaseParameters, found: Floats, information: Flo
         return None
     if p.value is None or problem.status not in ("optimal", "optimal_inaccurate"):
         return None
-    inertial = np.array(p.value)
-    off = root @ (base.combine @ inertial.ravel() - found)
-    return Consistent(inertial, float(np.sqrt(off @ off / len(found))))
+    return Consistent(np.array(p.value), float(np.linalg.norm(misfit.value) / np.sqrt(len(found))))
 
 
 def _pseudo(p: Any, k: int) -> Any:

@@ -36,7 +36,7 @@ class Motion:
     Attributes:
         trace: its name.
         t: (N,) s; q, v, a, torque: (N, n) smooth.
-        used: (N,) rows away from the ends, where the filter sees both sides, thinned to what the cut leaves.
+        used: rows away from the ends, where the filter sees both sides, thinned to what the cut leaves.
         low_pass: the filter.
     """
 
@@ -46,7 +46,7 @@ class Motion:
     v: Floats
     a: Floats
     torque: Floats
-    used: np.ndarray
+    used: slice
     low_pass: Filter
 
 
@@ -123,12 +123,10 @@ def _band(v: Floats, rate: float) -> float:
 
 def _smooth(name: str, t: Floats, q: Floats, v: Floats, u: Floats, low_pass: Filter) -> Motion:
     v = low_pass(v)
-    rows = np.zeros(len(t), dtype=bool)
     edge = int(low_pass.rate / low_pass.cut)
     every = max(1, int(low_pass.rate / (2.5 * low_pass.cut)))
-    rows[edge : len(t) - edge : every] = True
     a = np.gradient(v, 1.0 / low_pass.rate, axis=0)
-    return Motion(name, t, low_pass(q), v, a, low_pass(u), rows, low_pass)
+    return Motion(name, t, low_pass(q), v, a, low_pass(u), slice(edge, len(t) - edge, every), low_pass)
 
 
 TERMS: Mapping[str, Callable[[Floats, Floats, Floats], Floats]] = {
@@ -290,7 +288,7 @@ def folds_of(
     rows = [block for k in order for block in np.array_split(np.flatnonzero(part.trace == k), pieces)]
     sizes, own = np.array([len(block) for block in rows]), np.repeat(np.arange(len(order)), pieces)
     begins = np.cumsum(sizes) - sizes
-    windows = Windows(begins, begins + sizes, begins[own * pieces], own)
+    windows = Windows(begins, begins + sizes, own)
     folds = split_folds([names[k] for k in order], windows, held, share)
     if not folds.complete:
         raise UserError(

@@ -16,6 +16,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from simgap.arrays import Bools, Floats, Ints
 from simgap.diagnosis.record.record import MIN_SAMPLES, Record, runs
+from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.thresholds import FEWEST_WINDOWS
 from simgap.errors import UserError
 
@@ -31,31 +32,28 @@ class Windows:
 
     Attributes:
         start, stop: (w,) samples [start, stop) of each window.
-        first: (w,) first sample of the window's trace.
         trace: (w,) index of the trace.
     """
 
     start: Ints
     stop: Ints
-    first: Ints
     trace: Ints
 
     def __len__(self) -> int:
         return len(self.start)
 
     @staticmethod
-    def of(rows: Iterable[tuple[int, int, int, int]]) -> Windows:
-        """Windows of (start, stop, first, trace) each; those of fewer samples than `MIN_SAMPLES` are left out."""
+    def of(rows: Iterable[tuple[int, int, int]]) -> Windows:
+        """Windows of (start, stop, trace) each; those of fewer samples than `MIN_SAMPLES` are left out."""
         kept = [row for row in rows if row[1] - row[0] >= MIN_SAMPLES]
-        return Windows(*np.ascontiguousarray(np.array(kept, dtype=np.int64).reshape(-1, 4).T))
+        return Windows(*np.ascontiguousarray(np.array(kept, dtype=np.int64).reshape(-1, 3).T))
 
-    def __iter__(self) -> Iterator[tuple[int, int, int, int]]:
-        each = (self.start, self.stop, self.first, self.trace)
-        return zip(*(column.tolist() for column in each), strict=True)
+    def __iter__(self) -> Iterator[tuple[int, int, int]]:
+        return zip(self.start.tolist(), self.stop.tolist(), self.trace.tolist(), strict=True)
 
     def pick(self, which: Bools | Ints) -> Windows:
         """Some of the windows: by a mask (w,) or by their numbers."""
-        return Windows(self.start[which], self.stop[which], self.first[which], self.trace[which])
+        return Windows(self.start[which], self.stop[which], self.trace[which])
 
     def begun(self, share: float) -> Windows:
         """The first share of each, `MIN_SAMPLES` at least."""
@@ -65,26 +63,12 @@ class Windows:
 
     def beside(self, others: Windows) -> Windows:
         """These and others."""
-        pairs = zip(
-            (self.start, self.stop, self.first, self.trace),
-            (others.start, others.stop, others.first, others.trace),
-            strict=True,
-        )
-        return Windows(*map(np.concatenate, pairs))
+        return Windows.of([*self, *others])
 
     @property
     def samples(self) -> int:
         """Samples of all windows together."""
         return int(np.sum(self.stop - self.start))
-
-
-def past_the_unknown(windows: Windows, t: Floats, reach_s: float) -> Windows:
-    """The windows without the first `reach_s` of each trace, as `left_out` leaves them; t: (n,) s.
-
-    What was commanded before a trace begins is not in the record; where it still acts, nothing can be compared.
-    """
-    begins = dict(zip(windows.trace.tolist(), t[windows.first].tolist(), strict=True))
-    return left_out(windows, t, tuple((k, begin, begin + reach_s * (1 - 1e-9)) for k, begin in begins.items()))
 
 
 def split_windows(record: Record, seconds: float) -> Windows:
@@ -93,7 +77,7 @@ def split_windows(record: Record, seconds: float) -> Windows:
     Raises:
         UserError: if no trace is as long as a window.
     """
-    rows: list[tuple[int, int, int, int]] = []
+    rows: list[tuple[int, int, int]] = []
     base = 0
     for index, trace in enumerate(record.traces):
         n, duration = len(trace.t), trace.duration
@@ -103,7 +87,7 @@ def split_windows(record: Record, seconds: float) -> Windows:
             bounds = [0, *edges.tolist(), n]
             for a, b in itertools.pairwise(bounds):
                 known = [(0, b - a)] if trace.told is None else runs(trace.told[a:b])
-                rows += [(base + a + i, base + a + j, base, index) for i, j in known]
+                rows += [(base + a + i, base + a + j, index) for i, j in known]
         base += n
     windows = Windows.of(rows)
     if not len(windows):
@@ -125,12 +109,12 @@ def left_out(windows: Windows, t: Floats, spans: tuple[Span, ...]) -> Windows:
     All are kept as they are if none would be left. t: (n,) s.
     """
     rows = []
-    for a, b, first, trace in windows:
+    for a, b, trace in windows:
         own = np.ones(b - a, dtype=bool)
         for which, begin, end in spans:
             if which == trace:
                 own &= (t[a:b] < begin) | (t[a:b] >= end)
-        rows += [(a + i, a + j, first, trace) for i, j in runs(own)]
+        rows += [(a + i, a + j, trace) for i, j in runs(own)]
     found = Windows.of(rows)
     return found if len(found) else windows
 
@@ -141,7 +125,7 @@ def cut_at(windows: Windows, t: Floats, spans: tuple[Span, ...]) -> Windows:
     A part that is too short is dropped where it lies in such a time, and stays with its neighbour where it does not.
     """
     rows = []
-    for a, b, first, trace in windows:
+    for a, b, trace in windows:
         own = [(x, y) for k, x, y in spans if k == trace]
         edges = [a]
         for cut in [*(a + np.searchsorted(t[a:b], sorted(itertools.chain(*own)))).tolist(), b]:
@@ -150,7 +134,7 @@ def cut_at(windows: Windows, t: Floats, spans: tuple[Span, ...]) -> Windows:
                 edges.append(cut)
         if edges[-1] < b:
             edges.append(b)
-        rows += [(i, j, first, trace) for i, j in itertools.pairwise(edges)]
+        rows += [(i, j, trace) for i, j in itertools.pairwise(edges)]
     return Windows.of(rows)
 
 
@@ -160,12 +144,12 @@ def merged(windows: Windows) -> Windows:
     begins = np.ones(len(a), dtype=bool)
     begins[1:] = (a[1:] != b[:-1]) | (windows.trace[1:] != windows.trace[:-1])
     last = np.append(np.flatnonzero(begins)[1:], len(a)) - 1
-    return Windows(a[begins], b[last], windows.first[begins], windows.trace[begins])
+    return Windows(a[begins], b[last], windows.trace[begins])
 
 
 def stretches(windows: Windows, t: Floats, names: list[str]) -> tuple[tuple[str, float, float], ...]:
     """(trace, from, to) in s, neighbouring windows of a trace joined; t: (n,) s, names: of the traces."""
-    return tuple((names[k], float(t[a]), float(t[b - 1])) for a, b, _, k in merged(windows))
+    return tuple((names[k], float(t[a]), float(t[b - 1])) for a, b, k in merged(windows))
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,34 +166,27 @@ class Folds:
         return all(mask.any() for mask in (self.fit, self.choose, self.confirm))
 
 
-def needed_ahead(record: Record, window_s: float, horizon_s: float) -> float:
-    """What a prediction needs in one piece, s: the horizon, and half a window or as many samples as begin it."""
-    return horizon_s + max(0.5 * window_s, (LOOK_BACK_SAMPLES + 1) * record.interval)
-
-
-def cut_in_folds(
-    record: Record, seconds: float, traces: tuple[str, ...], share: float, ahead_s: float
-) -> tuple[Windows, Folds, float]:
+def cut_in_folds(record: Record, settings: DiagnosisSettings, seconds: float) -> tuple[Windows, Folds, float]:
     """Windows of a record, the folds that they are of, and how long they are (s).
 
     A record that has too few windows of that length for three folds, or fewer than `FEWEST_WINDOWS` that do not
-    confirm, is cut into windows of half the length, and so on.
+    confirm, is cut into windows of half the length, and so on. Neighbouring windows of a fold are together as long as
+    what a prediction needs in one piece: the horizon, and half a window as asked for or as many samples as begin it.
 
     Args:
         record: the traces.
+        settings: what confirms, the horizon and the window that were asked for.
         seconds: length of a window.
-        traces: names of traces that confirm; if empty, `share` of the record does.
-        share: of traces or windows that confirm.
-        ahead_s: what a prediction needs in one piece, s: neighbouring windows of a fold are as long together.
 
     Raises:
         UserError: if windows as short as `MIN_SAMPLES` samples are too few, or for what `split_windows` and
             `confirm_mask` refuse.
     """
     length, names = seconds, [trace.name for trace in record.traces]
+    ahead = settings.horizon_s + max(0.5 * settings.window_s, (LOOK_BACK_SAMPLES + 1) * record.interval)
     while True:
-        windows = split_windows(record, length)
-        folds = split_folds(names, windows, traces, share, max(1, int(np.ceil(ahead_s / length - 1e-9))))
+        windows, block = split_windows(record, length), max(1, int(np.ceil(ahead / length - 1e-9)))
+        folds = split_folds(names, windows, settings.held_out_traces, settings.held_out_share, block)
         shortest = windows.samples < 2 * MIN_SAMPLES * len(windows)
         if folds.complete and (shortest or np.count_nonzero(~folds.confirm) >= FEWEST_WINDOWS):
             return windows, folds, length

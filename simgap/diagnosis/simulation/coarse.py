@@ -121,23 +121,19 @@ def _thinned(problem: Problem, a: int, b: int, k: int, mean: bool) -> tuple[Floa
     """Stamps, centred means of the readings (or the readings), means of the held inputs until the next stamp, and what
     each of these readings is worth (of a mean as much as one of its samples, else those between share its error), and
     which are compared: of a mean those without a lost reading."""
-    t, y, u, used = problem.t[a:b], problem.y[a:b], problem.u[a:b], problem.used[a:b]
-    at = np.arange(0, len(t), k)
-    middle, weight, kept = y[at], problem.weight[a:b][at], used[at]
-    weight = 1.0 / (1.0 + (1.0 / weight - 1.0) / k)
-    if mean:
-        reach = np.minimum(np.minimum(at, len(t) - 1 - at), k // 2)  # the ends have less on one side
-        total = np.concatenate([np.zeros((1, y.shape[1])), np.cumsum(y, axis=0)])
-        middle = (total[at + reach + 1] - total[at - reach]) / (2 * reach + 1)[:, None]
-        weight = problem.weight[a:b][at]
-        lost = np.concatenate([np.zeros((1, y.shape[1])), np.cumsum(1.0 - used, axis=0)])
-        kept = (lost[at + reach + 1] == lost[at - reach]).astype(np.float64)
-    return t[at], middle, _means(t, u, k)[0], weight, kept
+    t, y, u, weight, used = (x[a:b] for x in (problem.t, problem.y, problem.u, problem.weight, problem.used))
+    held, at = _means(t, u, k)
+    if not mean:
+        return t[at], y[at], held, 1.0 / (1.0 + (1.0 / weight[at] - 1.0) / k), used[at]
+    reach = np.minimum(np.minimum(at, len(t) - 1 - at), k // 2)  # the ends have less on one side
+    total, lost = (np.concatenate([np.zeros((1, y.shape[1])), np.cumsum(x, axis=0)]) for x in (y, 1.0 - used))
+    middle = (total[at + reach + 1] - total[at - reach]) / (2 * reach + 1)[:, None]
+    kept = (lost[at + reach + 1] == lost[at - reach]).astype(np.float64)
+    return t[at], middle, held, weight[at], kept
 
 
 def _mapped(windows: Windows, old: Ints, new: Ints, k: int) -> Windows:
     """The windows over the blocks; those that become too short are dropped."""
-    trace = np.searchsorted(old, windows.first)
-    start, stop = (new[trace] + -(-(edge - windows.first) // k) for edge in (windows.start, windows.stop))
-    kept = stop - start >= MIN_SAMPLES
-    return Windows(start, stop, new[trace], windows.trace).pick(kept)
+    old, new = old[windows.trace], new[windows.trace]
+    start, stop = (new + -(-(edge - old) // k) for edge in (windows.start, windows.stop))
+    return Windows(start, stop, windows.trace).pick(stop - start >= MIN_SAMPLES)

@@ -64,15 +64,15 @@ def runs_away(problem: Problem) -> bool:
     return float(np.median([_grown(part, *window) for window in part.windows])) > GROWTH
 
 
-def _grown(problem: Problem, start: int, stop: int, first: int, trace: int) -> float:
+def _grown(problem: Problem, start: int, stop: int, trace: int) -> float:
     """By what factor an error of the start of a window grows in its second half, infinite if the prediction is lost."""
     names = problem.model.model.state_names
     read = [names.index(name) for name in problem.model.measured]
     edges = np.unique(np.ceil(np.linspace(start, stop - 1, 2 * _PIECES + 1)).astype(np.int64))
-    firsts, traces = (np.full(len(edges) - 1, own) for own in (first, trace))
+    traces = np.full(len(edges) - 1, trace)
     beyond = np.minimum(edges[:-1] + max(_SPANS), problem.edges[trace + 1])
-    x0 = initial_states(problem.on(Windows(edges[:-1], beyond, firsts, traces)))
-    pieces = problem.on(Windows(edges[:-1], edges[1:] + 1, firsts, traces))
+    x0 = initial_states(problem.on(Windows(edges[:-1], beyond, traces)))
+    pieces = problem.on(Windows(edges[:-1], edges[1:] + 1, traces))
     moves = state_columns(pieces, pieces.model.null, x0, state_steps(x0), Problem.states)[1][:, pieces.rows[1:] - 1]
     with np.errstate(over="ignore", invalid="ignore"):
         chain = itertools.accumulate(moves.transpose(1, 2, 0), lambda so_far, move: move @ so_far)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from simgap.arrays import Floats
-from simgap.diagnosis.record.folds import Span, cut_at, cut_in_folds, left_out, needed_ahead
+from simgap.diagnosis.record.folds import Span, cut_at, cut_in_folds, left_out
 from simgap.diagnosis.record.noise import worth
 from simgap.diagnosis.record.record import MIN_SAMPLES, Record
 from simgap.diagnosis.result import DiagnosisSettings
@@ -50,8 +50,8 @@ class Parts:
     def past_the_unknown(self, reach_s: float) -> Parts:
         """The same without the samples on which commands from before the record may still act."""
         kept = self.changed(lambda p: p.past_the_unknown(reach_s))
-        begin = {k: float(self.known.t[f]) + reach_s for _, _, f, k in self.known.windows}
-        return replace(kept, left_out=tuple(s for s in self.left_out if s[2] > begin.get(s[0], 0.0)))
+        known_from = self.known.t[self.known.firsts] + reach_s
+        return replace(kept, left_out=tuple(s for s in self.left_out if s[2] > known_from[s[0]]))
 
     def with_gross_errors(self, usual: Floats, spans: tuple[Span, ...]) -> Parts:
         """The same where misses much larger than a usual one (k,) are gross errors that weigh nothing.
@@ -117,14 +117,12 @@ def parts_of(model: SymbolicModel, record: Record, settings: DiagnosisSettings) 
     """The folds as problems with the first tier of effects, and what is to be said of them."""
     compiled = _compiled(model, record.measured, settings)
     readings = worth(record, settings.noise)
-    ahead = needed_ahead(record, settings.window_s, settings.horizon_s)
-    traces, share = settings.held_out_traces, settings.held_out_share
-    windows, folds, length = cut_in_folds(record, settings.window_s, traces, share, ahead)
+    windows, folds, length = cut_in_folds(record, settings, settings.window_s)
     said = (_SHORT.format(length, settings.window_s),) if length < settings.window_s else ()
     cut = length
     every = build_problem(compiled, record, windows, readings.sigma, readings.weight)
     while runs_away(every) and windows.samples > 4 * MIN_SAMPLES * len(windows):
-        windows, folds, length = cut_in_folds(record, length / 2, traces, share, ahead)
+        windows, folds, length = cut_in_folds(record, settings, length / 2)
         every = every.on(windows)
     said = (*said, _RUNS_AWAY.format(length, cut, GROWTH**2)) if length < cut else said
     every = settled(every)

@@ -13,10 +13,11 @@ from typing import Any, TypeVar
 import numpy as np
 
 from simgap.arrays import Floats, Ints
-from simgap.diagnosis.record.folds import Windows, left_out, past_the_unknown
+from simgap.diagnosis.record.faults.measurement import Rows
+from simgap.diagnosis.record.folds import Windows, left_out
 from simgap.diagnosis.record.record import Record
+from simgap.diagnosis.simulation import past
 from simgap.diagnosis.simulation.noise_law import Colour, limited, whiten
-from simgap.diagnosis.simulation.past import measured_link, measured_speeds, memories, twists, twists_by_torque
 from simgap.diagnosis.simulation.simulate import simulate
 from simgap.diagnosis.simulation.supermodel import SuperModel
 from simgap.diagnosis.thresholds import BRIEF_S
@@ -98,8 +99,11 @@ class Problem:
         return float(np.max(-delay, initial=0.0))
 
     def past_the_unknown(self, reach_s: float) -> Problem:
-        """The same problem without the samples on which commands from before the record may still act."""
-        return self.on(past_the_unknown(self.windows, self.t, reach_s))
+        """The same problem without the samples on which commands from before the record may still act: they are not
+        in it."""
+        begins = enumerate(self.t[self.firsts].tolist())
+        spans = tuple((k, begin, begin + reach_s * (1 - 1e-9)) for k, begin in begins)
+        return self.on(left_out(self.windows, self.t, spans))
 
     def before_the_end(self, late_s: float) -> Problem:
         """The same problem without the last `late_s` of each trace, where what acted was logged after its end."""
@@ -210,7 +214,7 @@ class Problem:
         out = np.empty((int(self.rows[-1]), begin.shape[1]))
         simulate(
             *self.model.dynamics.addresses, self.t, *self._drive(theta), self.model.dynamics.constants_at(theta), begin,
-            w.first, w.start, w.stop, self.rows[:-1], self.model.dynamics.speed, self._step(theta), out,
+            self.firsts[w.trace], w.start, w.stop, self.rows[:-1], self.model.dynamics.speed, self._step(theta), out,
         )  # fmt: skip
         return np.ascontiguousarray(out[:, : self.model.begun])
 
@@ -219,16 +223,13 @@ class Problem:
         quick = max((train.quick(theta) for train in self.model.trains), default=0.0)
         return self.h_max / max(1.0, quick * self.spacing / _TURN)
 
-    def _speeds(self) -> Floats:
-        """Measured speed between the stamps of each coordinate that an effect remembers, (n, h); kept."""
-        on = [self.model.model.coordinate(c.on) for c in self.model.remembered]
-        make = partial(measured_speeds, on, self.model.measured, self.t, self.y, self.firsts)
-        return self.memo.kept("speeds", b"", make)
-
     def _memories(self, theta: Floats) -> Floats:
         """The effects' own states at every stamp, (n, h); kept for the last few of their numbers."""
+        on = [self.model.model.coordinate(c.on) for c in self.model.remembered]
         slots = [k for c in self.model.remembered for k in c.slots]
-        make = partial(memories, self.model.past, theta, self.t, self._speeds(), self.firsts)
+        measure = partial(past.measured_speeds, on, self.model.measured, self.t, self.y, self.firsts)
+        speeds = self.memo.kept("speeds", b"", measure)
+        make = partial(past.memories, self.model.past, theta, self.t, speeds, self.firsts)
         return self.memo.kept("memories", theta[slots].tobytes(), make)
 
     def _twists(self, k: int, theta: Floats) -> Floats:
@@ -241,12 +242,12 @@ class Problem:
         if train.quick(theta) == 0.0:
             return np.zeros((len(self.t), 2))
         on, law = self.model.model.coordinate(train.on), np.array(train.numbers(theta), dtype=np.float64)
-        make = partial(measured_link, on, self.model.measured, self.t, self.y, self.firsts)
+        make = partial(past.measured_link, on, self.model.measured, self.t, self.y, self.firsts)
         q, v = self.memo.kept(f"link of {k}", b"", make)
         felt = self._felt(theta, train.inputs)
         if train.read_at_motor(theta):
-            return twists_by_torque(self.t, v, felt, law, self.edges)
-        return np.asarray(twists(self.t, q, v, felt, law[:-1], self.edges))
+            return past.twists_by_torque(self.t, v, felt, law, self.edges)
+        return np.asarray(past.twists(self.t, q, v, felt, law[:-1], self.edges))
 
     def _felt(self, theta: Floats, inputs: tuple[int, ...]) -> Floats:
         """The sum of some inputs as the plant feels it at each stamp, (n,)."""
@@ -269,7 +270,7 @@ class Problem:
             if theta[slot] != 0.0:
                 own = np.ascontiguousarray(out[:, column])
                 read, noise = self.readings[:, column], float(self.sigma[column])
-                fault.distort(own, float(theta[slot]), self._stamps, read, noise, self.rows, self._since)
+                fault.distort(own, float(theta[slot]), Rows(self._stamps, self._since, self.rows, read, noise))
                 out[:, column] = own
         return out
 
@@ -281,7 +282,7 @@ class Problem:
     @cached_property
     def _since(self) -> Floats:
         """(rows,) s from the first sample of the trace."""
-        return self._stamps - np.repeat(self.t[self.windows.first], np.diff(self.rows))
+        return self._stamps - np.repeat(self.t[self.firsts[self.windows.trace]], np.diff(self.rows))
 
     def misses(self, theta: Floats, x0: Floats) -> Floats:
         """(measured - predicted) / sigma, (rows, k); a diverging simulation is cut to a large number."""

@@ -129,7 +129,7 @@ def predictions(
     part, few = problem.some(most)
     old = part.predict(before[0].theta, before[1][few])
     new, states = part.predict(after[0].theta, after[1][few]), part.states(after[0].theta, after[1][few])
-    for (start, stop, _, trace), (a, b) in zip(part.windows, itertools.pairwise(part.rows.tolist()), strict=True):
+    for (start, stop, trace), (a, b) in zip(part.windows, itertools.pairwise(part.rows.tolist()), strict=True):
         s = slice(start, stop)
         own = (problem.t[s], problem.y[s], old[a:b], new[a:b], states[a:b], problem.u[s])
         yield WindowPrediction(names[trace], held_out, *own, problem.used[s])

@@ -183,12 +183,12 @@ def _leaves(problem: Problem, theta: Floats, states: Floats, left: Span) -> floa
     if not before.size:
         return end
     own = before[np.argmax(w.stop[before])]
-    a, b, first = int(w.start[own]), int(w.stop[own]), int(w.first[own])
-    until = problem.firsts[problem.firsts > first].min(initial=len(t))
+    a, b = int(w.start[own]), int(w.stop[own])
+    until = problem.edges[which + 1]
     last = b + int(np.searchsorted(t[b:until], end, side="right"))
     if t[b] < begin or last - b < 2:  # something else lies between
         return end
-    part = problem.on(Windows(*(np.array([v]) for v in (a, last, first, which))))
+    part = problem.on(Windows(*(np.array([v]) for v in (a, last, which))))
     x0 = states[own : own + 1]
     miss, moved = state_columns(part, theta, x0, state_steps(x0), Problem.misses)
     fitted = moved[:, : b - a].reshape(len(moved), -1)

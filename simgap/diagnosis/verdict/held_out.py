@@ -163,12 +163,12 @@ def horizon_error(problem: Problem, theta: Floats, horizon: float) -> HorizonErr
     """
     if horizon <= 0.0:
         return None
-    base, middle, end, first = _instants(problem, horizon)
+    base, middle, end, trace = _instants(problem, horizon)
     if not len(base):
         return None
-    at = problem.on(Windows(base, middle, first, np.zeros_like(base)))
+    at = problem.on(Windows(base, middle, trace))
     start = fit(at, theta, initial_states(at), [], {}).x0
-    whole = problem.on(Windows(base, end, first, at.windows.trace))
+    whole = problem.on(Windows(base, end, trace))
     error = whole.misses(theta, start)[whole.rows[1:] - 1] * problem.sigma
     return HorizonError(error, middle - 1, end - 1, partial(_floor, at, whole, theta, start))
 
@@ -179,14 +179,14 @@ def look_back(problem: Problem) -> float:
 
 
 def _instants(problem: Problem, horizon: float) -> Ints:
-    """Look-back from, instant (exclusive end of the look-back), end (exclusive) and first of the trace, samples (4, n).
+    """Look-back from, instant (exclusive end of the look-back), end (exclusive) and the trace, samples (4, n).
 
     A prediction ends at a sample at which every channel is a measurement: what is none would count as no error.
     """
     rows: list[tuple[int, int, int, int]] = []
     t, back = problem.t, look_back(problem)
     read = np.flatnonzero(np.all((problem.used > 0.0) | (problem.heard == 0.0), axis=1))
-    for a, b, first, _ in merged(problem.windows):
+    for a, b, trace in merged(problem.windows):
         k = a
         while True:
             middle = max(int(np.searchsorted(t[a:b], t[k] + back)) + a, k + LOOK_BACK_SAMPLES)
@@ -198,7 +198,7 @@ def _instants(problem: Problem, horizon: float) -> Ints:
                 break
             known = read[np.searchsorted(read, end) :][:1]
             if known.size and known[0] < b and t[known[0]] <= aim + _LATER * horizon:
-                rows.append((k, middle, int(known[0]) + 1, first))
+                rows.append((k, middle, int(known[0]) + 1, trace))
             k = max(int(np.searchsorted(t[a:b], t[k] + 0.25 * max(horizon, back))) + a, k + 1)
     return np.ascontiguousarray(np.array(rows, dtype=np.int64).reshape(-1, 4).T)
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from simgap.arrays import Bools, Floats
 from simgap.diagnosis.record.conditions import conditioned
-from simgap.diagnosis.record.folds import Windows, cut_in_folds, needed_ahead
+from simgap.diagnosis.record.folds import Windows, cut_in_folds
 from simgap.diagnosis.record.noise import worth
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
@@ -67,8 +67,7 @@ def _to_come(record: Record, settings: DiagnosisSettings, t: Floats) -> tuple[Wi
     n = len(t)
     trace = Trace("next", t, np.zeros((n, len(record.measured))), np.zeros((n, len(record.inputs))))
     both = Record((trace, *record.traces), record.measured, record.inputs)
-    ahead = needed_ahead(both, settings.window_s, settings.horizon_s)
-    windows, folds, _ = cut_in_folds(both, settings.window_s, settings.held_out_traces, settings.held_out_share, ahead)
+    windows, folds, _ = cut_in_folds(both, settings, settings.window_s)
     own = windows.trace == 0
     return windows.pick(own), np.stack([folds.fit, folds.choose, folds.confirm])[:, own]
 

@@ -101,7 +101,7 @@ class Bench:
 
     def moved(self, rival: Rival, u: Floats) -> tuple[Floats, Floats]:
         """States (n, nx) and readings (n, k) that a rival predicts from the start."""
-        whole = Windows(*(np.array([k], dtype=np.int64) for k in (0, len(self.t), 0, 0)))
+        whole = Windows(*(np.array([k], dtype=np.int64) for k in (0, len(self.t), 0)))
         problem = self._problem(u, np.zeros((len(self.t), len(self.sigma))), whole)
         begin = self.start[None, :]
         return problem.states(rival.theta, begin), problem.predict(rival.theta, begin)

@@ -6,7 +6,7 @@ They are fitted like effects, but they are none: they change nothing in the plan
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -57,6 +57,22 @@ class LateLog(FittedFault, MemoryInputEffect):
         return -values["late"]
 
 
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """The readings of a channel, window after window.
+
+    Attributes:
+        t: (n,) s; since: (n,) s from the start of the trace; first: (w + 1,) first row of each window.
+        measured: (n,) recorded, with this noise.
+    """
+
+    t: Floats
+    since: Floats
+    first: Ints
+    measured: Floats
+    noise: float
+
+
 class ReadingFault(FittedFault):
     """A fault of one measured channel."""
 
@@ -78,17 +94,8 @@ class ReadingFault(FittedFault):
         return model
 
     @abstractmethod
-    def distort(
-        self, reading: Floats, value: float, t: Floats, measured: Floats, noise: float, rows: Ints, since: Floats
-    ) -> None:
-        """What the channel shows of a true reading (n,), in place.
-
-        Args:
-            reading: predicted, window after window; measured: (n,) recorded, with this noise.
-            value: the number of the fault.
-            t: (n,) s; since: (n,) s from the start of the trace.
-            rows: (w + 1,) first row of each window.
-        """
+    def distort(self, reading: Floats, value: float, at: Rows) -> None:
+        """What the channel shows of a true reading, (n,) predicted, in place; value: the number of the fault."""
 
 
 class Drift(ReadingFault):
@@ -104,11 +111,9 @@ class Drift(ReadingFault):
     source = "Ljung (1999), System Identification, sec. 14.1"
     parameters = (EffectParameter("rate", "{state}/s", "change of the sensor's zero", null=0.0),)
 
-    def distort(
-        self, reading: Floats, value: float, t: Floats, measured: Floats, noise: float, rows: Ints, since: Floats
-    ) -> None:
+    def distort(self, reading: Floats, value: float, at: Rows) -> None:
         """A ramp from the start of each trace."""
-        reading += value * since
+        reading += value * at.since
 
 
 class _Filtered(ReadingFault):
@@ -134,12 +139,10 @@ class FilteredVelocity(_Filtered):
     remedy = "Log {} before its filter, or leave its column out."
     formula = "lag y' = v - y"
 
-    def distort(
-        self, reading: Floats, value: float, t: Floats, measured: Floats, noise: float, rows: Ints, since: Floats
-    ) -> None:
+    def distort(self, reading: Floats, value: float, at: Rows) -> None:
         """The filter is exact between samples for a steady change; it begins at what was measured."""
         if value > 0.0:
-            _filter(reading, value, t, np.ascontiguousarray(measured[rows[:-1]]), rows)
+            _filter(reading, value, at.t, at.measured[at.first[:-1]], at.first)
 
     def left_out(self, on: str, lag: float) -> RecordingFault:
         """The finding of a column that is left out from here on: its lag is told, and the motion is in the position."""
@@ -163,23 +166,15 @@ class FilteredReading(_Filtered):
     formula = "lag y' = x - y"
     stands_for = ("input_lag", "late_reading")
 
-    def distort(
-        self, reading: Floats, value: float, t: Floats, measured: Floats, noise: float, rows: Ints, since: Floats
-    ) -> None:
-        """Exact between samples for a steady change; it begins as it would trail the parabola of the first samples."""
+    def distort(self, reading: Floats, value: float, at: Rows) -> None:
+        """Exact between samples for a steady change; it begins as it would trail the parabola of the first three
+        samples, x - lag x' + lag^2 x''."""
         if value > 0.0:
-            begin = reading[rows[:-1]].copy()
-            for w in np.flatnonzero(np.diff(rows) > 2):
-                first = slice(rows[w], rows[w] + 3)
-                begin[w] = _trailing(reading[first], t[first] - t[rows[w]], value)
-            _filter(reading, value, t, begin, rows)
-
-
-def _trailing(first: Floats, t: Floats, lag: float) -> float:
-    """What a lag (s) makes of a parabola through three samples at the first of them: x - lag x' + lag^2 x''."""
-    one, two = ((float(first[k]) - float(first[0])) / float(t[k]) for k in (1, 2))
-    bend = (two - one) / float(t[2] - t[1])
-    return float(first[0]) - lag * (one - bend * float(t[1])) + 2.0 * lag**2 * bend
+            t, a = at.t, at.first[:-1]
+            one, two = ((reading[a + k] - reading[a]) / (t[a + k] - t[a]) for k in (1, 2))
+            bend = (two - one) / (t[a + 2] - t[a + 1])
+            begin = reading[a] - value * (one - bend * (t[a + 1] - t[a])) + 2.0 * value**2 * bend
+            _filter(reading, value, t, begin, at.first)
 
 
 class LateReading(ReadingFault):
@@ -198,16 +193,14 @@ class LateReading(ReadingFault):
     source = "Ljung (1999), System Identification, sec. 14.1"
     parameters = (EffectParameter("late", "s", "time from reading to log", null=0.0, lower=0.0, upper=1.0),)
 
-    def distort(
-        self, reading: Floats, value: float, t: Floats, measured: Floats, noise: float, rows: Ints, since: Floats
-    ) -> None:
+    def distort(self, reading: Floats, value: float, at: Rows) -> None:
         """Each window as it was a moment before. What was before its start is not known.
 
         Such readings miss by their noise, so that no delay is better for leaving more of them out; no more than half of
         a window is left out, as else a long delay would stand for anything.
         """
         if value > 0.0:
-            _shift(reading, value, t, np.ascontiguousarray(measured), noise, rows)
+            _shift(reading, value, at.t, np.ascontiguousarray(at.measured), at.noise, at.first)
 
 
 @njit("float64(float64[::1], float64[::1], int64, float64)", cache=True)
