@@ -18,7 +18,6 @@ from simgap.diagnosis.verdict.score import Errors, gained
 from simgap.diagnosis.verdict.sets import density_of_choice, plausible, preferred_of
 from simgap.effects import EFFECTS
 
-
 NO_DOUBTS = [(False, 0)] * 9
 
 

@@ -11,7 +11,7 @@ inertia and dry friction can stand for each other within one trace, but only the
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
