@@ -182,19 +182,22 @@ def change_promised(search: Search, found: Explanation) -> Change | None:
     own = [slot_direction(problem, at.theta, k, search.steps[k]) for k in at.slots]
     linear = linearise(problem, at.theta, at.x0, [*own, *_others(search, found)])
     grams, gradients = linear.window_gram[order], linear.window_gradient[order]
-    windows, cost = np.arange(count), math.log(problem.size)
-    best, place, which = 0.0, (0, 0), 0
+    windows, trace = np.arange(count), problem.windows.trace[order]
+    least, place, which, promise = math.inf, (0, 0), 0, 0.0
     plain = [_gain(grams, gradients, len(own), j, []) for j in range(linear.gram.shape[0])]
-    places = [(k, k + n) for k in range(FEWEST_WINDOWS, count - FEWEST_WINDOWS + 1) for n in (0, 1)]
+    last = count - FEWEST_WINDOWS
+    within = [(k, k + 1) for k in range(FEWEST_WINDOWS, last)]
+    between = [(k, k) for k in range(FEWEST_WINDOWS, last + 1) if trace[k - 1] != trace[k]]
     for j, without in enumerate(plain):
-        for k, after in places[:-1]:
+        for k, after in (*within, *between):
             steps = [windows >= after, *([windows == k] if after > k else [])]
-            gain = _gain(grams, gradients, len(own), j, steps) - without - cost * len(steps)
-            if gain > best:
-                best, place, which = gain, (k, after), j
-    if best < MOST * excess:
+            gain = _gain(grams, gradients, len(own), j, steps) - without
+            left = (at.chi2 - gain) / (MOST if after > k else 1.0)  # a window by itself has to take most away
+            if left < least:
+                least, place, which, promise = left, (k, after), j, gain
+    if promise < MOST * excess:
         return None
-    if any(_gain(grams, gradients, len(own), which, [r]) - plain[which] - cost >= best for r in _ramps(count)):
+    if any(_gain(grams, gradients, len(own), which, [r]) - plain[which] >= promise for r in _ramps(count)):
         return None  # it went slowly
     return _between(problem, *(int(k) for k in order[[place[0] - 1, place[0], place[1]]]))
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from simgap.diagnosis import diagnose as diagnosing
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
@@ -43,6 +44,19 @@ def test_friction_that_doubles_at_an_instant_is_told_with_both_numbers():
     assert ("parameter d that is 75" if found.name == "parameter_error" else "viscous friction of 0.3") in first
     assert ("parameter d that is 2.5" if found.name == "parameter_error" else "viscous friction of 0.6") in second
     assert "viscous friction at the slide" in change.sentence
+
+
+@pytest.mark.parametrize("instant", [13.2, 13.5, 13.9])
+def test_a_change_within_a_window_is_told_to_that_window_before_sets_of_effects_are_sought(monkeypatch, instant):
+    """The window that holds it follows neither number; it costs as much as single effects do."""
+
+    def never(plain):
+        raise AssertionError("sets of effects are sought")
+
+    monkeypatch.setattr(diagnosing, "under_its_law", never)
+    hidden = Hidden(viscous={"slide": 0.3}, after=(0, instant), later=Hidden(viscous={"slide": 0.6}))
+    (change,) = _changes(_diagnosed(oscillator(), hidden))
+    assert change.value == pytest.approx(instant, abs=0.5 + 0.02)
 
 
 def test_friction_that_nearly_stops_the_motion_is_told():
