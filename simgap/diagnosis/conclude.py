@@ -51,7 +51,7 @@ def conclude(
     old, base, search, watch = evidence.declared, chosen.base, chosen.search, chosen.search.watch
     grade = _graded(record, parts, chosen, evidence)
     word, named = grade.word, grade.named
-    empty = search.empty(chosen.sparse)
+    empty = search.empty(chosen.under.base)
     path = answer.steps(search, empty, chosen.kept)
     ordered = answer.in_order(chosen.kept, path)
     kept, held = (ordered, evidence.corrected) if named else (chosen.full.empty(base), old)
@@ -72,7 +72,7 @@ def conclude(
         excess_share=evidence.share if named else 1.0,
         explained_error=evidence.gain.share if named and not chosen.at_floor else None,
         sigma=floor.fit_rmse,
-        candidates=answer.candidate_scores(search, empty, chosen.barred),
+        candidates=answer.candidate_scores(search, empty, chosen.under.not_tried),
         collinear=answer.collinear_table(search, empty),
         folds=FoldStretches(*(stretches(p.windows, confirm.t, names) for p in (parts.fit, parts.choose, confirm))),
         warnings=(*said, *negligible, *_warnings(held, kept, horizon), *grade.beside),
