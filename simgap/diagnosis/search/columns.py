@@ -152,7 +152,7 @@ def _promised(problem: Problem) -> float:
     """The least BIC that the linear problem of the beginnings of windows promises of up to two effects."""
     seen = at_beginnings(problem, problem.model.null, list_starts(problem))
     sets = (s for size in range(3) for s in best_subsets(seen, size)[:1])
-    return min(s.left + s.count * float(np.log(problem.size)) for s in sets)
+    return min(s.left + sum(len(c.slots) for c in s.members) * float(np.log(problem.size)) for s in sets)
 
 
 def _unsure(best: Columns | None) -> Columns | None:

@@ -207,13 +207,12 @@ class Subset:
 
     Attributes:
         members: these effects; values: where a fit of all begins, slot -> value.
-        left: chi^2 that the linear problem leaves; count: parameters that they bring.
+        left: chi^2 that the linear problem leaves.
     """
 
     members: tuple[Candidate, ...]
     values: dict[int, float]
     left: float
-    count: int
 
 
 @dataclass(frozen=True)
@@ -229,10 +228,9 @@ def best_subsets(seen: Screen, size: int) -> list[Subset]:
     """
     gram, scale = scaled(seen.gram)
     gradient = seen.gradient / scale
-    options = [k for k, (c, _, _) in enumerate(seen.asked) if c.effect.contains is None]
     kept = [_Partial((), 0.0)]
     for _ in range(size):
-        kept = _distinct(seen, [wider for p in kept for wider in _with_one_more(seen, gram, gradient, options, p)])
+        kept = _distinct(seen, [wider for p in kept for wider in _with_one_more(seen, gram, gradient, p)])
     found = [_subset(seen, gram, gradient, scale, p) for p in kept]
     return sorted((s for s in found if s is not None), key=lambda s: s.left)
 
@@ -241,23 +239,19 @@ def _columns(seen: Screen, picks: tuple[int, ...]) -> list[int]:
     return [*range(seen.own), *(j for k in picks for j in seen.asked[k][2])]
 
 
-def _with_one_more(seen: Screen, gram: Floats, gradient: Floats, options: list[int], p: _Partial) -> list[_Partial]:
+def _with_one_more(seen: Screen, gram: Floats, gradient: Floats, p: _Partial) -> list[_Partial]:
     """One more effect in all ways."""
     have = _columns(seen, p.picks)
-    rest, pull = gram, gradient
-    whole = 0.0
-    if have:
-        inner = gram[np.ix_(have, have)] + _RIDGE * np.eye(len(have))
-        weights = np.linalg.solve(inner, np.column_stack([gram[have], gradient[have]]))
-        rest = gram - gram[:, have] @ weights[:, :-1]
-        pull = gradient - gram[:, have] @ weights[:, -1]
-        whole = float(gradient[have] @ weights[:, -1])
+    inner = gram[np.ix_(have, have)] + _RIDGE * np.eye(len(have))
+    weights = np.linalg.solve(inner, np.column_stack([gram[have], gradient[have]]))
+    rest = gram - gram[:, have] @ weights[:, :-1]
+    pull = gradient - gram[:, have] @ weights[:, -1]
+    whole = float(gradient[have] @ weights[:, -1])
     taken = {seen.asked[k][0].key for k in p.picks}
     out = []
-    for k in options:
-        c, _, columns = seen.asked[k]
+    for k, (c, _, columns) in enumerate(seen.asked):
         own = [j for j in columns if rest[j, j] > _LEFT]
-        if c.key in taken or not own:
+        if c.key in taken or c.effect.contains is not None or not own:
             continue
         block = rest[np.ix_(own, own)] + _RIDGE * np.eye(len(own))
         out.append(_Partial((*p.picks, k), whole + float(pull[own] @ np.linalg.solve(block, pull[own]))))
@@ -276,14 +270,11 @@ def _distinct(seen: Screen, options: list[_Partial]) -> list[_Partial]:
         keys = frozenset(seen.asked[k][0].key for k in p.picks)
         left = seen.rest - p.drop
         same = bool(kept) and abs(seen.rest - kept[-1].drop - left) <= SAME_PROMISE * max(abs(left), 1.0)
-        if keys in sets:
+        if keys in sets or (same and place(p) >= place(kept[-1])):
             continue
         if same:
-            if place(p) < place(kept[-1]):
-                kept[-1] = p
-                sets.add(keys)
-            continue
-        if len(kept) == _KEPT:
+            kept.pop()
+        elif len(kept) == _KEPT:
             break
         kept.append(p)
         sets.add(keys)
@@ -296,15 +287,13 @@ def _subset(seen: Screen, gram: Floats, gradient: Floats, scale: Floats, p: _Par
     inner = gram[np.ix_(have, have)] + _RIDGE * np.eye(len(have))
     step = np.linalg.solve(inner, gradient[have]) / scale[have]
     values = {k: float(seen.at.theta[k] + s) for k, s in zip(seen.at.slots, step[: seen.own], strict=True)}
-    place, count = seen.own, 0
-    for k in p.picks:
-        c, start, columns = seen.asked[k]
-        begun = begun_at(c, start, step[place : place + len(columns)])
+    by_column = dict(zip(have, step, strict=True))
+    for c, start, columns in (seen.asked[k] for k in p.picks):
+        begun = begun_at(c, start, np.array([by_column[j] for j in columns]))
         if begun is None:
             return None
         values |= begun
-        place, count = place + len(columns), count + len(c.slots)
-    return Subset(tuple(seen.asked[k][0] for k in p.picks), values, seen.rest - p.drop, count)
+    return Subset(tuple(seen.asked[k][0] for k in p.picks), values, seen.rest - p.drop)
 
 
 def leap(search: Search, base: Fit, most: int) -> None:
