@@ -456,11 +456,6 @@ def both_sides(of: sp.Expr, *limits: float) -> tuple[sp.Expr, ...]:
     return tuple(of - sp.Float(side * limit) for limit in limits if math.isfinite(limit) for side in (-1.0, 1.0))
 
 
-def drives(model: SymbolicModel, name: str) -> str | None:
-    """The coordinate on which an input is a force, one to one; None if there is none."""
-    return model.driven.get(name)
-
-
 def driven_by(model: SymbolicModel, coordinate: str) -> tuple[str, ...]:
     """The inputs that are a force on the coordinate, one to one."""
     return tuple(u for u, on in model.driven.items() if on == coordinate)

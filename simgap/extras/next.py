@@ -149,8 +149,7 @@ def _besides(advice: Advice) -> str:
 def _intervals(advice: Advice) -> str:
     best, (only,) = advice.proposal.best, advice.known.rivals
     assert best is not None
-    now = np.sqrt(np.diag(np.linalg.pinv(only.information, hermitian=True)) * advice.proposal.bench.excess)
-    ratios: Sequence[float] = (best.d / np.maximum(now, 1e-300)).tolist()
+    ratios: Sequence[float] = (best.d / np.maximum(advice.proposal.bench.errors_now(only), 1e-300)).tolist()
     little = " That is little: another recording of this kind is hardly needed." if min(ratios) > 1.0 - MATTERS else ""
     widths = joined([f"{100 * r:.2g} %" for r in ratios])
     return f"It would narrow the intervals of these numbers to {widths} of their present width.{little}"
@@ -246,9 +245,7 @@ def _question(
     record, names = under_conditions(reading, model, section.conditions)
     conditions = tuple(dict.fromkeys(tuple(t.u[0, len(model.inputs) :].tolist()) for t in record.traces))
     settings = settings_of(context.case, section, reading)
-    told = {
-        (f["fault"], f["channel"]) for f in document["recording"]
-    }  # columns that were found to be others among them
+    told = {(f["fault"], f["channel"]) for f in document["recording"]}  # of columns that are others among them
     read = ready(conditioned(model, names), record, replace(settings, effects=library_names(sets)))
     record = max(read, key=lambda each: sum((f.fault, f.channel) in told for f in each.faults)).record
     allowed, middle, reach = _limits(context, record)

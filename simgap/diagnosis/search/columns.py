@@ -143,9 +143,8 @@ def _best_by_trial(problem: Problem, options: Sequence[Columns]) -> Columns | No
     best = _best(part, tried, bar / OUT_OF_SIGHT)
     if (best is None or best.reverses) and bar >= OUT_OF_SIGHT:
         beside = [(option, _beside_effects(trial, bar / FAR)) for option, trial in begun if trial.left <= far]
-        best = _best(part, beside, bar / OUT_OF_SIGHT) or _unsure(_best(part, beside, bar / FAR))
-    best = best or _unsure(_best(part, tried, alone / FAR))
-    return _unsure(best) if best is not None and best.reverses else best
+        best = _best(part, beside, bar / OUT_OF_SIGHT) or _best(part, beside, bar / FAR, sure=False)
+    return best or _best(part, tried, alone / FAR, sure=False)
 
 
 def _promised(problem: Problem) -> float:
@@ -155,17 +154,19 @@ def _promised(problem: Problem) -> float:
     return min(s.left + sum(len(c.slots) for c in s.members) * float(np.log(problem.size)) for s in sets)
 
 
-def _unsure(best: Columns | None) -> Columns | None:
-    return None if best is None else replace(best, sure=False)
+def _best(part: Problem, tried: Sequence[tuple[Columns, float]], bar: float, sure: bool = True) -> Columns | None:
+    """The best of what was tried, with what does as well in its words; None where none misses by less than the bar.
 
-
-def _best(part: Problem, tried: Sequence[tuple[Columns, float]], bar: float) -> Columns | None:
-    """The best of what was tried, with what does as well in its words; None where none misses by less than the bar."""
+    It is `sure`, if it is to be and reverses nothing.
+    """
     best, least = None, np.inf
     for option, left in tried:
         if left < min(bar, (1.0 - MATTERS) * least) and left < MOST * _missed_without_plant(part, option):
             best, least = option, left
-    return best and best.beside([option for option, left in tried if option is not best and left < least / MOST])
+    if best is None:
+        return None
+    others = [option for option, left in tried if option is not best and left < least / MOST]
+    return replace(best.beside(others), sure=sure and not best.reverses)
 
 
 def _missed_without_plant(part: Problem, option: Columns) -> float:

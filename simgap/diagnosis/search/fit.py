@@ -125,7 +125,7 @@ def fit(
     free = list(slots)
     if not free:
         ends = refit_from_all(problem, theta, x0)
-        chi2, settled = float(np.sum(ends.chi2)), _all_settled(ends, problem)
+        chi2, settled = float(np.sum(ends.chi2)), _all_settled(problem, ends.promise, ends.chi2)
         return Fit(theta.copy(), ends.x0, (), chi2, np.zeros((0, 0)), (), settled, problem)
     at = _Point(theta.copy(), x0.copy(), window_chi2(problem, theta, x0))
     at, converged = _begun_afresh(problem, at, np.zeros(len(x0))), False
@@ -136,8 +136,7 @@ def fit(
         still = at.chi2 - linear.window_rest  # what the initial states still promise, by the linear problem
         mended = _begun_afresh(problem, at, still)
         if mended.total > at.total - EQUIVALENT_CHI2 * max(1.0, at.total / problem.size):
-            scale = np.maximum(1.0, at.chi2 / problem.counts)
-            converged = settled and (problem.model.rubs(at.theta) or bool(np.all(still <= EQUIVALENT_CHI2 * scale)))
+            converged = settled and (problem.model.rubs(at.theta) or _all_settled(problem, still, at.chi2))
             break
         at = mended
     limit = tuple(k for k in free if at.theta[k] in (problem.model.lower[k], problem.model.upper[k]))
@@ -218,8 +217,8 @@ def _begun_afresh(problem: Problem, at: _Point, promise: Floats) -> _Point:
     return _Point(at.theta, ends.x0, ends.chi2)
 
 
-def _all_settled(ends: Refit, problem: Problem) -> bool:
-    return bool(np.all(ends.promise <= EQUIVALENT_CHI2 * np.maximum(1.0, ends.chi2 / problem.counts)))
+def _all_settled(problem: Problem, promise: Floats, chi2: Floats) -> bool:
+    return bool(np.all(promise <= EQUIVALENT_CHI2 * np.maximum(1.0, chi2 / problem.counts)))
 
 
 def _clipped(problem: Problem, at: _Point, free: list[int], step: Floats) -> Floats:

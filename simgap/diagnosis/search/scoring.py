@@ -15,7 +15,7 @@ from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import Direction, linearise, promised, slot_direction, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.effects import EFFECTS
-from simgap.effects.base import Scales, Start, driven_by, drives
+from simgap.effects.base import Scales, Start, driven_by
 from simgap.effects.rigid_body import ParameterError, ReflectedInertia
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
@@ -53,21 +53,20 @@ def list_starts(problem: Problem, barred: Collection[Key] = ()) -> Starts:
     model = problem.model.model
     spacing = problem.spacing
     commands = dict(zip(model.input_names, np.abs(problem.u).max(axis=0), strict=True))
-    items, wheels = [], problem.model.model.wheels
+    items = []
     for c in problem.model.candidates:
         if c.key in barred:
             continue
         scales = Scales(spacing)
         if c.effect.kind == "input":
-            moved = drives(model, c.on)
-            speed = _speed(problem, moved) if moved is not None else 1.0
-            scales = Scales(spacing, command=float(commands[c.on]) or 1.0, speed=speed)
-        elif c.effect.kind == "plant" and wheels is not None:
-            scales = Scales(spacing, command=float(commands[wheels.linear]) or 1.0)
+            speed = _speed(problem, model.driven[c.on]) if c.on in model.driven else 1.0
+            scales = Scales(spacing, float(commands[c.on]) or 1.0, speed)
+        elif c.effect.kind == "plant" and model.wheels is not None:
+            scales = Scales(spacing, float(commands[model.wheels.linear]) or 1.0)
         elif c.effect.kind == "coordinate":
-            drive = sum(float(commands[u]) for u in driven_by(model, c.on))
-            own = _speed(problem, c.on), _inertia(model, c.on), _places(problem, c)
-            scales = Scales(spacing, drive or 1.0, *own)
+            drive, places = sum(float(commands[u]) for u in driven_by(model, c.on)), visited(problem, c)
+            ends = float(np.nanmin(places)), float(np.nanmax(places))
+            scales = Scales(spacing, drive or 1.0, _speed(problem, c.on), _inertia(model, c.on), ends)
         items += [(c, start) for start in c.effect.starts(scales)]
     return Starts(tuple(items))
 
@@ -96,11 +95,6 @@ def visited(problem: Problem, c: Candidate) -> Floats:
         return problem.u[problem.samples, model.input_names.index(c.on)]
     position = model.coordinate(c.on).position if c.effect.kind == "coordinate" else None
     return problem.y[:, measured.index(position)] if position in measured else np.zeros(1)
-
-
-def _places(problem: Problem, c: Candidate) -> tuple[float, float]:
-    q = visited(problem, c)
-    return float(np.nanmin(q)), float(np.nanmax(q))
 
 
 def _inertia(model: SymbolicModel, coordinate: str) -> float:

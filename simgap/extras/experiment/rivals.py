@@ -44,15 +44,14 @@ class Rival:
     """An explanation, fitted to the recordings at hand.
 
     Attributes:
-        label: what people read; theta: all parameters; slots: the free ones, with difference steps.
+        label: what people read; theta: all parameters; steps: slots of the free ones, with their difference steps.
         count: number of parameters, discrete choices included.
         information: (p, p) of the free ones, from the recordings at hand.
     """
 
     label: str
     theta: Floats
-    slots: tuple[int, ...]
-    steps: tuple[float, ...]
+    steps: Mapping[int, float]
     count: int
     information: Floats
 
@@ -119,13 +118,19 @@ class Bench:
 
     def errors(self, states: Floats, readings: Floats, u: Floats, own: Rival) -> Floats:
         """(p,) standard errors of a rival's own parameters after such a recording, with those at hand."""
-        _, gram = self._linearised(states, readings, u, own)
+        return self._errors(self._linearised(states, readings, u, own)[1])
+
+    def errors_now(self, own: Rival) -> Floats:
+        """(p,) the same with the recordings at hand alone."""
+        return self._errors(own.information)
+
+    def _errors(self, gram: Floats) -> Floats:
         return np.asarray(np.sqrt(np.diag(np.linalg.pinv(gram, hermitian=True)) * self.excess))
 
     def _linearised(self, states: Floats, readings: Floats, u: Floats, of: Rival) -> tuple[Linearised, Floats]:
         """The recording to come around a rival, and its normal matrix with what is at hand."""
         problem, x0 = self.recorded(states, readings, u)
-        directions = [slot_direction(problem, of.theta, k, h) for k, h in zip(of.slots, of.steps, strict=True)]
+        directions = [slot_direction(problem, of.theta, k, h) for k, h in of.steps.items()]
         linear = linearise(problem, of.theta, x0, directions)
         return linear, linear.gram + of.information
 
@@ -204,7 +209,8 @@ def translated(rival: Rival, effects: Explained, here: SuperModel, there: SuperM
     for own, other in zip(members(here, effects), members(there, effects), strict=True):
         for k, new in zip(own.slots, other.slots, strict=True):
             values[new], places[k] = float(rival.theta[k]), new
-    return replace(rival, theta=with_values(there.null, values), slots=tuple(places[k] for k in rival.slots))
+    steps = {places[k]: h for k, h in rival.steps.items()}
+    return replace(rival, theta=with_values(there.null, values), steps=steps)
 
 
 def members(model: SuperModel, effects: Explained) -> tuple[Candidate, ...]:
@@ -242,5 +248,4 @@ def _fitted(problem: Problem, effects: Explained) -> tuple[Rival, float]:
     directions = [slot_direction(problem, ends.theta, k, steps[k]) for k in slots]
     information = linearise(problem, ends.theta, ends.x0, directions).gram
     count = sum(len(c.slots) for c in chosen)
-    rival = Rival(label(model, effects), ends.theta, slots, tuple(steps.values()), count, information)
-    return rival, chi2_dof(problem, ends)
+    return Rival(label(model, effects), ends.theta, steps, count, information), chi2_dof(problem, ends)
