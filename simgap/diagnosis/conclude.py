@@ -16,7 +16,6 @@ from simgap.diagnosis.result import (
     Alternative,
     Diagnosis,
     DiagnosisSettings,
-    FoldStretches,
     FoundEffect,
     Judged,
     Nearest,
@@ -61,6 +60,7 @@ def conclude(
     fitted = answer.predictions(known, names, (base, base.x0), (kept.fit, kept.fit.x0), False)
     confirming = answer.predictions(confirm, names, (base, old.states), (kept.fit, held.states), True)
     effects, listed, seen, negligible = _findings(chosen, kept, grade.others)
+    folds = {"fit": parts.fit, "choose": parts.choose, "confirm": confirm}
     pushed = push_faults((*parts.left_out, *parts.disturbed), parts.every, names)
     floor = noise_floor(confirm, held, horizon)
     return Diagnosis(
@@ -75,7 +75,7 @@ def conclude(
         sigma=floor.fit_rmse,
         candidates=answer.candidate_scores(search, empty, chosen.under.not_tried),
         collinear=answer.collinear_table(search, empty),
-        folds=FoldStretches(*(stretches(p.windows, confirm.t, names) for p in (parts.fit, parts.choose, confirm))),
+        folds={name: stretches(p.windows, confirm.t, names) for name, p in folds.items()},
         warnings=(*said, *negligible, *_warnings(held, kept, horizon), *(() if doubtful else grade.unsure)),
         doubts=(grade.unsure or evidence.short_of(chosen.kept)) if doubtful else (),
         stopped=f"{watch.stopped}: the answer is the best of {watch.sets} sets of effects." if watch.stopped else "",

@@ -47,7 +47,7 @@ def document(
         side: {"fit_rmse": j.fit_rmse, "horizon_s": j.horizon_s, "horizon_rmse": j.horizon_rmse}
         for side, j in sides.items()
     }
-    folds = {name: _fold(getattr(found.folds, name), reading) for name in ("fit", "choose", "confirm")}
+    folds = {name: _fold(own, reading) for name, own in found.folds.items()}
     content: dict[str, Any] = to_jsonable_python({
         **shared(found, reading, look, error, folds),
         "sentences": [],
