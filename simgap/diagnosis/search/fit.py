@@ -169,18 +169,16 @@ def _descend(
         vain = vain + 1 if float(np.sum(foreseen)) > useless else 0
         if vain == PATIENCE:
             return at, linear, False, True
-        new = None
         while damping < _STIFFEST:
             theta = _clipped(problem, at, free, _step(problem, at.theta, free, linear, damping))
             step = theta[free] - at.theta[free]
-            tried = _follow(problem, at, linear, theta, step)
-            if tried.total <= at.total:
-                new = tried
+            new = _follow(problem, at, linear, theta, step)
+            if new.total <= at.total:
                 break
             if float(np.sum(linear.window_rest - linear.foreseen(step))) < _least_gain(problem, at):
                 break  # a shorter step has nothing left to gain
             damping, harder = damping * harder, harder * SOONER
-        if new is None:  # no step leads down: not at a minimum by any word of the linear problem
+        if not new.total <= at.total:  # no step leads down: not at a minimum by any word of the linear problem
             break
         gain, at = at.total - new.total, new
         damping, harder = max(damping / SOONER, _SOFTEST), SOONER

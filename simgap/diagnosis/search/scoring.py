@@ -177,9 +177,8 @@ def screen(problem: Problem, at: Fit, steps: dict[int, float], starts: Starts, e
         if c.key in exclude:
             continue
         amplitude = small_amplitude(problem, at, c, start, index, starts)
-        columns = [column(at.theta, c, start, j, amplitude) for j in range(start.size)]
         asked.append((c, start, tuple(range(len(directions), len(directions) + start.size))))
-        directions += columns
+        directions += [column(at.theta, c, start, j, amplitude) for j in range(start.size)]
     linear = linearise(problem, at.theta, at.x0, directions)
     seen = [it for it in asked if linear.visible[list(it[2])].any()]
     unseen = frozenset(c.key for c, _, _ in asked) - {c.key for c, _, _ in seen}
