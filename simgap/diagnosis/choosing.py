@@ -11,10 +11,9 @@ from simgap.arrays import Floats
 from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.equivalence import rivals
 from simgap.diagnosis.search.explanations import Explanation, Search
-from simgap.diagnosis.search.fit import Fit, fit
+from simgap.diagnosis.search.fit import Fit, states_fitted
 from simgap.diagnosis.search.selection import by_place, fitted_here, taken_over
 from simgap.diagnosis.seek import Hypothesis, looked_again
-from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.thresholds import FIT_QUALITY
 from simgap.diagnosis.verdict.sets import Carried, Trial, density, real, transferable, trials
@@ -82,7 +81,7 @@ def chosen(under: Hypothesis, judged: Parts, compete: bool = False) -> Chosen:
     known, horizon_s, settings = under.parts.known, under.parts.horizon_s, under.settings
     search, sparse, found = under.search, under.base, under.found
     full = search if search.problem is known else Search(known, search.starts)
-    base = sparse if full is search else fit(known, known.model.null, initial_states(known), [], {})
+    base = sparse if full is search else states_fitted(known, known.model.null)
     kept = found if full is search else fitted_here(full, base, found)
     at_floor = chi2_dof(known, kept.fit) <= FIT_QUALITY and not compete
     together = math.ceil((horizon_s + 0.5 * judged.window_s) / judged.window_s)

@@ -143,6 +143,11 @@ def fit(
     return Fit(at.theta, at.x0, tuple(slots), at.total, inverted(linear.gram, 1e-12), limit, converged, problem)
 
 
+def states_fitted(problem: Problem, theta: Floats) -> Fit:
+    """The fit of the initial states alone, at theta (q,)."""
+    return fit(problem, theta, initial_states(problem), [], {})
+
+
 def _least_gain(problem: Problem, at: _Point) -> float:
     """A decrease of chi^2 that is worth no further step, in units of chi^2/dof where that is above 1."""
     return 1e-3 * max(1.0, at.total / problem.size) + 1e-7 * at.total

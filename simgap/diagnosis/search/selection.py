@@ -16,9 +16,8 @@ from simgap.arrays import Floats
 from simgap.diagnosis.result import Key
 from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.explanations import SAME, SAME_PROMISE, Explanation, Search
-from simgap.diagnosis.search.fit import Fit, fit
+from simgap.diagnosis.search.fit import Fit, fit, states_fitted
 from simgap.diagnosis.search.scoring import Screen, Starts, begun_at, screen
-from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import scaled, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
@@ -335,7 +334,7 @@ def leap_from_beginnings(search: Search, base: Fit, most: int) -> None:
 def at_beginnings(problem: Problem, theta: Floats, starts: Starts) -> Screen:
     """The linear problem of the beginnings of windows: in one as long as a swing a spring turns its force round."""
     part = problem.on(problem.windows.begun(_BEGINNING))
-    return screen(part, fit(part, theta, initial_states(part), [], {}), {}, Starts(starts.items))
+    return screen(part, states_fitted(part, theta), {}, Starts(starts.items))
 
 
 def fit_larger(search: Search, sources: list[Explanation], size: int) -> None:
