@@ -375,10 +375,8 @@ def _best_of_size(search: Search, size: int, most: int) -> list[Explanation]:
 
 def _sources(search: Search, base: Fit, size: int) -> list[Explanation]:
     """The best smaller sets, those that lack one effect and more."""
-    found = [search.empty(base)] if size <= LEAPS_ANYHOW else []
-    for lacking in range(1, LEAPS_ANYHOW + 1):
-        found += _best_of_size(search, size - lacking, NARROW)
-    return [e for e in found if e.members or size <= LEAPS_ANYHOW]
+    smaller = [e for less in range(1, LEAPS_ANYHOW + 1) for e in _best_of_size(search, size - less, NARROW)]
+    return [search.empty(base), *smaller] if size <= LEAPS_ANYHOW else smaller
 
 
 def _options(
