@@ -270,7 +270,7 @@ def _options(problem: Problem) -> Iterator[Columns]:
     together = [*places, *_groups(names, units)]
     for larger in (False, True):
         for which, of_input, name in together:
-            for words, factor in _mistaken(units[name.split(", ")[0]]):
+            for words, factor in _MISTAKEN.get(units[name.split(", ")[0]], _THOUSANDS):
                 if (factor > 1.0) is larger:
                     yield scaled(which, of_input, factor, WrongUnit().of(name, words, factor), f"{name} in {words}")
     for i, j in itertools.combinations(range(k), 2):
@@ -287,16 +287,15 @@ def _groups(names: Sequence[str], units: Mapping[str, str]) -> Iterator[tuple[li
             yield which, False, ", ".join(names[j] for j in which)
 
 
-def _mistaken(unit: str) -> list[tuple[str, float]]:
-    """Units that are mistaken for this one, with the factor to it."""
-    return {
-        "rad": [("degrees", np.pi / 180), ("turns", 2 * np.pi), *_THOUSANDS],
-        "rad/s": [
-            ("degrees a second", np.pi / 180),
-            ("turns a minute", np.pi / 30),
-            ("turns a second", 2 * np.pi),
-            *_THOUSANDS,
-        ],
-        "m": [("millimetres", 1e-3), ("metres that were read as millimetres", 1e3)],
-        "m/s": [("millimetres a second", 1e-3), ("metres a second that were read as millimetres a second", 1e3)],
-    }.get(unit, list(_THOUSANDS))
+_MISTAKEN = {
+    "rad": (("degrees", np.pi / 180), ("turns", 2 * np.pi), *_THOUSANDS),
+    "rad/s": (
+        ("degrees a second", np.pi / 180),
+        ("turns a minute", np.pi / 30),
+        ("turns a second", 2 * np.pi),
+        *_THOUSANDS,
+    ),
+    "m": (("millimetres", 1e-3), ("metres that were read as millimetres", 1e3)),
+    "m/s": (("millimetres a second", 1e-3), ("metres a second that were read as millimetres a second", 1e3)),
+}
+"""Unit -> those that are mistaken for it, with the factor to it; `_THOUSANDS` of any other."""

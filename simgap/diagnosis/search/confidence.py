@@ -73,13 +73,14 @@ def vanishing(problem: Problem, members: Sequence[Candidate], at: Fit, errors: F
 
     A saturation acts on nothing where its limit may lie above the largest command. `errors`: (p,) standard deviations.
     """
-    by_slot, gone = dict(zip(at.slots, errors.tolist(), strict=True)), []
-    for c in members:
+    by_slot = dict(zip(at.slots, errors.tolist(), strict=True))
+
+    def is_gone(c: Candidate) -> bool:
         acting = [(p, k) for p, k in zip(c.effect.parameters, c.slots, strict=True) if not (p.shape or p.integer)]
         ends = [(p.null, *interval(float(at.theta[k]), by_slot.get(k, 0.0), dof)) for p, k in acting]
-        if all(_reached(problem, c, null, lo, hi) for null, lo, hi in ends):
-            gone.append(c)
-    return gone
+        return all(_reached(problem, c, null, lo, hi) for null, lo, hi in ends)
+
+    return [c for c in members if is_gone(c)]
 
 
 def undetermined(members: Sequence[Candidate], at: Fit, errors: Floats, dof: int) -> list[Candidate]:

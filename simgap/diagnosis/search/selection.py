@@ -384,13 +384,10 @@ def _options(
 ) -> list[tuple[Explanation, Subset]]:
     """Sets of one size that are promised less than `below`, the best first, each set once."""
     every = [(e, s) for e in sources for s in best_subsets(search.screen(e), size - len(e.members)) if s.left < below]
-    kept, seen = [], {e.keys for e in search.tried.values()}
+    tried, best = {e.keys for e in search.tried.values()}, dict[frozenset[Key], tuple[Explanation, Subset]]()
     for e, s in sorted(every, key=lambda it: it[1].left):
-        keys = e.keys | {c.key for c in s.members}
-        if keys not in seen:
-            seen.add(keys)
-            kept.append((e, s))
-    return kept[:WIDTH]
+        best.setdefault(e.keys | {c.key for c in s.members}, (e, s))
+    return [option for keys, option in best.items() if keys not in tried][:WIDTH]
 
 
 def _fitted(search: Search, options: Iterable[tuple[Explanation, Subset]]) -> None:

@@ -204,13 +204,10 @@ def library_names(sets: Sequence[Explained]) -> tuple[str, ...]:
 
 def translated(rival: Rival, effects: Explained, here: SuperModel, there: SuperModel) -> Rival:
     """The same explanation in another compiled model of the same plant."""
-    values: dict[int, float] = {}
-    places: dict[int, int] = {}
-    for own, other in zip(members(here, effects), members(there, effects), strict=True):
-        for k, new in zip(own.slots, other.slots, strict=True):
-            values[new], places[k] = float(rival.theta[k]), new
-    steps = {places[k]: h for k, h in rival.steps.items()}
-    return replace(rival, theta=with_values(there.null, values), steps=steps)
+    pairs = zip(members(here, effects), members(there, effects), strict=True)
+    places = {k: new for own, other in pairs for k, new in zip(own.slots, other.slots, strict=True)}
+    theta = with_values(there.null, {new: float(rival.theta[k]) for k, new in places.items()})
+    return replace(rival, theta=theta, steps={places[k]: h for k, h in rival.steps.items()})
 
 
 def members(model: SuperModel, effects: Explained) -> tuple[Candidate, ...]:
@@ -237,9 +234,7 @@ def _fitted(problem: Problem, effects: Explained) -> tuple[Rival, float]:
     """A set fitted to a problem, and its chi^2/dof."""
     model = problem.model
     chosen = members(model, effects)
-    values: dict[int, float] = {}
-    for c, a in zip(chosen, effects, strict=True):
-        values |= c.by_slot(a.values)
+    values = {k: v for c, a in zip(chosen, effects, strict=True) for k, v in c.by_slot(a.values).items()}
     theta, x0 = with_values(model.null, values), initial_states(problem)
     slots = tuple(k for c in chosen for k in c.free)
     steps = choose_steps(problem, theta, x0, slots)
