@@ -117,9 +117,8 @@ def _findings(
     faults = (*fitted_faults(e for e in every if (e.name, e.on) not in small), *gain_faults(every))
     beside = fitted_faults(e for e in every if (e.name, e.on) in small)
     plant = [e for e in every if not is_fault(e.name)]
-    effects, listed = answer.with_restatements(
-        plant, answer.alternatives(chosen.found, others), chosen.full.problem.model, kept
-    )
+    listed = answer.alternatives(chosen.found, others)
+    effects, listed = answer.with_restatements(plant, listed, chosen.full.problem.model, kept)
     said = tuple(f"{f.sentence} It is negligible in practice and allowed for." for f in beside)
     return effects, listed, faults, said
 

@@ -402,6 +402,7 @@ class CoordinateTarget(Effect):
 
     kind: ClassVar[Kind] = "coordinate"
     needs: ClassVar[str] = "a coordinate (joints of a URDF, or plant.symbolic.coordinates)"
+    rank: ClassVar[int] = FORCE
 
     def targets(self, model: SymbolicModel) -> tuple[str, ...]:
         """Every coordinate of the plant."""
@@ -410,8 +411,6 @@ class CoordinateTarget(Effect):
 
 class CoordinateEffect(CoordinateTarget):
     """A generalised force on a coordinate; an engine of joints acts it out at each of its steps."""
-
-    rank: ClassVar[int] = FORCE
 
     @abstractmethod
     def force(self, position: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
@@ -433,7 +432,6 @@ class MemoryForceEffect(CoordinateTarget):
     The rate of z is affine in z and vanishes at rest, so that the motion before a window tells z at its start.
     """
 
-    rank: ClassVar[int] = FORCE
     remembers: ClassVar[bool] = True
 
     @abstractmethod

@@ -179,10 +179,15 @@ class InputProposal:
     counted: Counted
 
     @property
+    def found(self) -> Try:
+        """The best, where an input kept the plant in its range."""
+        assert self.best is not None
+        return self.best
+
+    @property
     def closest(self) -> tuple[int, int]:
         """The pair that the best input tells least surely: the right one and the other."""
-        assert self.best is not None
-        z = _counting(self.best, self.counted)
+        z = _counting(self.found, self.counted)
         a, b = np.unravel_index(int(np.argmin(z)), z.shape)
         return int(a), int(b)
 
@@ -268,11 +273,10 @@ def shown(a: Try, counted: Counted) -> float:
 
 def _fitting(bench: Bench, wave: Wave, beside: Beside | None) -> Try | None:
     """A try, made smaller while a rival leaves its range; None if it does at every size."""
-    for _ in range(HALVINGS + 1):
-        attempt = tried(bench, wave, beside)
+    for k in range(HALVINGS + 1):
+        attempt = tried(bench, replace(wave, u=0.5**k * wave.u), beside)
         if attempt is not None:
             return attempt
-        wave = replace(wave, u=0.5 * wave.u)
     return None
 
 
