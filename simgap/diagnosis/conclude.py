@@ -12,16 +12,7 @@ from simgap.diagnosis.record.faults.measurement import is_fault
 from simgap.diagnosis.record.faults.registry import fitted_faults, gain_faults
 from simgap.diagnosis.record.folds import stretches
 from simgap.diagnosis.record.record import Record
-from simgap.diagnosis.result import (
-    Alternative,
-    Diagnosis,
-    DiagnosisSettings,
-    FoundEffect,
-    Judged,
-    Nearest,
-    RecordingFault,
-    Verdict,
-)
+from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, FoundEffect, Judged, Nearest, RecordingFault, Verdict
 from simgap.diagnosis.search.confidence import chi2_dof, independent_share
 from simgap.diagnosis.search.equivalence import Rival, once, rivals
 from simgap.diagnosis.search.explanations import Explanation, Search, doubted
@@ -59,7 +50,9 @@ def conclude(
     left = answer.second_look(search, chosen.found if named else empty, confirm, held, horizon) if tested else None
     fitted = answer.predictions(known, names, (base, base.x0), (kept.fit, kept.fit.x0), False)
     confirming = answer.predictions(confirm, names, (base, old.states), (kept.fit, held.states), True)
-    effects, listed, seen, negligible = _findings(chosen, kept, grade.others)
+    every, seen, negligible = _findings(chosen, kept, grade.others)
+    listed = answer.alternatives(chosen.found, grade.others)
+    effects, listed = answer.with_restatements(every, listed, chosen.full.problem.model, kept)
     folds = {"fit": parts.fit, "choose": parts.choose, "confirm": confirm}
     pushed = push_faults((*parts.left_out, *parts.disturbed), parts.every, names)
     floor = noise_floor(confirm, held, horizon)
@@ -107,8 +100,8 @@ def _limit_reached(settings: DiagnosisSettings, chosen: Chosen) -> int | None:
 
 def _findings(
     chosen: Chosen, kept: Explanation, others: Sequence[Rival]
-) -> tuple[tuple[FoundEffect, ...], tuple[Alternative, ...], tuple[RecordingFault, ...], tuple[str, ...]]:
-    """Effects, sets that do as well, faults of the recording, and warnings of those of no practical size.
+) -> tuple[list[FoundEffect], tuple[RecordingFault, ...], tuple[str, ...]]:
+    """Effects of the plant, faults of the recording, and warnings of those of no practical size.
 
     The last are allowed for and are no findings.
     """
@@ -116,11 +109,8 @@ def _findings(
     small = slight(chosen.full, kept, chosen.base)
     faults = (*fitted_faults(e for e in every if (e.name, e.on) not in small), *gain_faults(every))
     beside = fitted_faults(e for e in every if (e.name, e.on) in small)
-    plant = [e for e in every if not is_fault(e.name)]
-    listed = answer.alternatives(chosen.found, others)
-    effects, listed = answer.with_restatements(plant, listed, chosen.full.problem.model, kept)
     said = tuple(f"{f.sentence} It is negligible in practice and allowed for." for f in beside)
-    return effects, listed, faults, said
+    return [e for e in every if not is_fault(e.name)], faults, said
 
 
 @dataclass(frozen=True, eq=False)
