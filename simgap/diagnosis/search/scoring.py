@@ -188,11 +188,13 @@ def screen(problem: Problem, at: Fit, steps: dict[int, float], starts: Starts, e
 def score(seen: Screen) -> list[Score]:
     """Every start of every candidate beside the fit, best first; starts of the wrong sign are left out."""
     scores = []
-    for c, start, columns_at in seen.asked:
-        drop, coefficients = _promise(seen.gram, seen.gradient, seen.own, list(columns_at))
-        values = begun_at(c, start, coefficients)
-        if drop > 0.0 and values is not None:
-            scores.append(Score(c, drop, values, columns_at if start.amplitude is None else ()))
+    alone, _ = promised(seen.gram[: seen.own, : seen.own], seen.gradient[: seen.own])
+    for c, start, columns in seen.asked:
+        free = [*range(seen.own), *columns]
+        whole, coefficients = promised(seen.gram[np.ix_(free, free)], seen.gradient[free])
+        values = begun_at(c, start, coefficients[seen.own :])
+        if whole > alone and values is not None:
+            scores.append(Score(c, whole - alone, values, columns if start.amplitude is None else ()))
     return sorted(scores, key=lambda s: -s.drop)
 
 
@@ -245,10 +247,3 @@ def small_amplitude(problem: Problem, at: Fit, c: Candidate, start: Start, index
 def _kinked(problem: Problem, c: Candidate, start: Start) -> bool:
     """Whether what the effect does turns round somewhere."""
     return not c.of_recording and bool(c.effect.surfaces(problem.model.model, c.on, start.point([1.0] * start.size)))
-
-
-def _promise(gram: Floats, gradient: Floats, own: int, columns: list[int]) -> tuple[float, Floats]:
-    """Drop of chi^2 when these columns join the free parameters, and their coefficients."""
-    free = [*range(own), *columns]
-    drop, whole = promised(gram[np.ix_(free, free)], gradient[free])
-    return drop - promised(gram[:own, :own], gradient[:own])[0], whole[own:]

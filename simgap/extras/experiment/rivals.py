@@ -225,11 +225,6 @@ def members(model: SuperModel, effects: Explained) -> tuple[Candidate, ...]:
     return tuple(model.find(a.name, a.on) for a in effects)
 
 
-def label(model: SuperModel, effects: Explained) -> str:
-    """A set in words, without numbers."""
-    return joined([c.effect.phrase(c.on) for c in members(model, effects)]) if effects else "the model as declared"
-
-
 def _fitted(problem: Problem, effects: Explained) -> tuple[Rival, float]:
     """A set fitted to a problem, and its chi^2/dof."""
     model = problem.model
@@ -243,4 +238,5 @@ def _fitted(problem: Problem, effects: Explained) -> tuple[Rival, float]:
     directions = [slot_direction(problem, ends.theta, k, steps[k]) for k in slots]
     information = linearise(problem, ends.theta, ends.x0, directions).gram
     count = sum(len(c.slots) for c in chosen)
-    return Rival(label(model, effects), ends.theta, steps, count, information), chi2_dof(problem, ends)
+    label = joined([c.effect.phrase(c.on) for c in chosen]) or "the model as declared"
+    return Rival(label, ends.theta, steps, count, information), chi2_dof(problem, ends)
