@@ -12,17 +12,7 @@ from simgap.diagnosis.record.faults.measurement import is_fault
 from simgap.diagnosis.record.faults.registry import fitted_faults, gain_faults
 from simgap.diagnosis.record.folds import stretches
 from simgap.diagnosis.record.record import Record
-from simgap.diagnosis.result import (
-    Alternative,
-    Diagnosis,
-    DiagnosisSettings,
-    FoldStretches,
-    FoundEffect,
-    Judged,
-    Nearest,
-    RecordingFault,
-    Verdict,
-)
+from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, FoundEffect, Judged, Nearest, RecordingFault, Verdict
 from simgap.diagnosis.search.confidence import chi2_dof, independent_share
 from simgap.diagnosis.search.equivalence import Rival, once, rivals
 from simgap.diagnosis.search.explanations import Explanation, Search, doubted
@@ -50,8 +40,8 @@ def conclude(
     known, confirm = parts.known, parts.confirm
     old, base, search, watch = evidence.declared, chosen.base, chosen.search, chosen.search.watch
     grade = _graded(record, parts, chosen, evidence)
-    word, named = grade.word, grade.named
-    empty = search.empty(chosen.sparse)
+    word, named, doubtful = grade.word, grade.named, grade.word == "partial" and evidence.at_noise
+    empty = search.empty(chosen.under.base)
     path = answer.steps(search, empty, chosen.kept)
     ordered = answer.in_order(chosen.kept, path)
     kept, held = (ordered, evidence.corrected) if named else (chosen.full.empty(base), old)
@@ -60,7 +50,11 @@ def conclude(
     left = answer.second_look(search, chosen.found if named else empty, confirm, held, horizon) if tested else None
     fitted = answer.predictions(known, names, (base, base.x0), (kept.fit, kept.fit.x0), False)
     confirming = answer.predictions(confirm, names, (base, old.states), (kept.fit, held.states), True)
-    effects, listed, seen, negligible = _findings(chosen, kept, grade.others)
+    every, seen, negligible = _findings(chosen, kept, grade.others)
+    listed = answer.alternatives(chosen.found, grade.others)
+    effects, listed = answer.with_restatements(every, listed, chosen.full.problem.model, kept)
+    folds = {"fit": parts.fit, "choose": parts.choose, "confirm": confirm}
+    pushed = push_faults((*parts.left_out, *parts.disturbed), parts.every, names)
     floor = noise_floor(confirm, held, horizon)
     return Diagnosis(
         verdict=word,
@@ -72,11 +66,11 @@ def conclude(
         excess_share=evidence.share if named else 1.0,
         explained_error=evidence.gain.share if named and not chosen.at_floor else None,
         sigma=floor.fit_rmse,
-        candidates=answer.candidate_scores(search, empty, chosen.barred),
+        candidates=answer.candidate_scores(search, empty, chosen.under.not_tried),
         collinear=answer.collinear_table(search, empty),
-        folds=FoldStretches(*(stretches(p.windows, confirm.t, names) for p in (parts.fit, parts.choose, confirm))),
-        warnings=(*said, *negligible, *_warnings(held, kept, horizon), *grade.beside),
-        doubts=grade.doubts,
+        folds={name: stretches(p.windows, confirm.t, names) for name, p in folds.items()},
+        warnings=(*said, *negligible, *_warnings(held, kept, horizon), *(() if doubtful else grade.unsure)),
+        doubts=(grade.unsure or evidence.short_of(chosen.kept)) if doubtful else (),
         stopped=f"{watch.stopped}: the answer is the best of {watch.sets} sets of effects." if watch.stopped else "",
         unconfirmed=grade.further,
         faint_memory=grade.faint,
@@ -86,12 +80,7 @@ def conclude(
         nearest=short,
         left_over=left,
         concentrated=concentrated(confirm, names, old, evidence.corrected),
-        recording=(
-            *faults,
-            *push_faults((*parts.left_out, *parts.disturbed), parts.every, names),
-            *seen,
-            *noise_faults(known),
-        ),
+        recording=(*faults, *pushed, *seen, *noise_faults(known)),
         steps=path,
     )
 
@@ -111,8 +100,8 @@ def _limit_reached(settings: DiagnosisSettings, chosen: Chosen) -> int | None:
 
 def _findings(
     chosen: Chosen, kept: Explanation, others: Sequence[Rival]
-) -> tuple[tuple[FoundEffect, ...], tuple[Alternative, ...], tuple[RecordingFault, ...], tuple[str, ...]]:
-    """Effects, sets that do as well, faults of the recording, and warnings of those of no practical size.
+) -> tuple[list[FoundEffect], tuple[RecordingFault, ...], tuple[str, ...]]:
+    """Effects of the plant, faults of the recording, and warnings of those of no practical size.
 
     The last are allowed for and are no findings.
     """
@@ -120,12 +109,8 @@ def _findings(
     small = slight(chosen.full, kept, chosen.base)
     faults = (*fitted_faults(e for e in every if (e.name, e.on) not in small), *gain_faults(every))
     beside = fitted_faults(e for e in every if (e.name, e.on) in small)
-    plant = [e for e in every if not is_fault(e.name)]
-    effects, listed = answer.with_restatements(
-        plant, answer.alternatives(chosen.found, others), chosen.full.problem.model, kept
-    )
     said = tuple(f"{f.sentence} It is negligible in practice and allowed for." for f in beside)
-    return effects, listed, faults, said
+    return [e for e in every if not is_fault(e.name)], faults, said
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,8 +119,7 @@ class _Grade:
 
     Attributes:
         word: the verdict; named: whether effects are; others: what explains the data as well.
-        further, faint, doubts: as `unconfirmed`, `faint_memory` and `doubts` of the answer; beside: doubts of one that
-            leaves more than noise.
+        further, faint: as `unconfirmed` and `faint_memory` of the answer; unsure: what speaks against it, in sentences.
     """
 
     word: Verdict
@@ -143,8 +127,7 @@ class _Grade:
     others: list[Rival]
     further: tuple[str, ...]
     faint: tuple[str, ...]
-    doubts: tuple[str, ...]
-    beside: tuple[str, ...]
+    unsure: tuple[str, ...]
 
 
 def _graded(record: Record, parts: Parts, chosen: Chosen, evidence: Evidence) -> _Grade:
@@ -160,9 +143,7 @@ def _graded(record: Record, parts: Parts, chosen: Chosen, evidence: Evidence) ->
     unsure = (*pushed, *answer.contested(others, chosen.found), *doubted(chosen.full.problem, chosen.kept))
     faint = faint_memory(parts.known, chosen.kept.fit) if word == "attributed" else ()
     word = "partial" if (unsure or faint) and word == "attributed" else word
-    if word != "partial" or not evidence.at_noise:
-        return _Grade(word, named, others, further, faint, (), unsure)
-    return _Grade(word, named, others, further, faint, unsure or evidence.short_of(chosen.kept), ())
+    return _Grade(word, named, others, further, faint, unsure)
 
 
 _PUSHED = "Something seems to have pushed the plant in the data that confirm; those times were left out."
@@ -195,28 +176,30 @@ def nearest(chosen: Chosen, found: Explanation, evidence: Evidence) -> Nearest |
     share = 1.0 - evidence.share if chosen.at_floor else evidence.gain.share[0]
     if not found.members or share < MATTERS:
         return None
-    low, high = map(percent, evidence.gain.share[1:])
-    reasons = (
-        (
-            not evidence.gain.sure,
-            f"that share is not sure, its 95 % interval is {low} to {high} % (longer data narrow it)",
-        ),
-        (
-            not evidence.borne_out,
-            "the confirming data do not bear it out: a channel is predicted worse there, or none better",
-        ),
-        (not evidence.agree, "halves of the data give different numbers"),
-        (not found.physical, "the numbers are not physical"),
-        (
-            not (chosen.at_floor or plausible(found)),
-            f"a ratio that is not between 1/{PLAUSIBLE_RATIO:g} and {PLAUSIBLE_RATIO:g} is rather a wrong unit: "
-            "compare the units of the columns and of the case",
-        ),
-        (not found.fit.converged, "the fit had not converged"),
-        (all(c.of_recording for c in found.members), "it is a fault of the recording, and more than noise is left"),
-    )
     effects = answer.found_effects(chosen.full, found, (), chosen.at_floor)
-    return Nearest(effects, share, tuple(reason for holds, reason in reasons if holds))
+    return Nearest(effects, share, tuple(_short_of_named(found, evidence, chosen.at_floor)))
+
+
+def _short_of_named(found: Explanation, evidence: Evidence, at_floor: bool) -> Iterator[str]:
+    """Why a set that explains a part is not named."""
+    low, high = map(percent, evidence.gain.share[1:])
+    if not evidence.gain.sure:
+        yield f"that share is not sure, its 95 % interval is {low} to {high} % (longer data narrow it)"
+    if not evidence.borne_out:
+        yield "the confirming data do not bear it out: a channel is predicted worse there, or none better"
+    if not evidence.agree:
+        yield "halves of the data give different numbers"
+    if not found.physical:
+        yield "the numbers are not physical"
+    if not (at_floor or plausible(found)):
+        yield (
+            f"a ratio that is not between 1/{PLAUSIBLE_RATIO:g} and {PLAUSIBLE_RATIO:g} is rather a wrong unit: "
+            "compare the units of the columns and of the case"
+        )
+    if not found.fit.converged:
+        yield "the fit had not converged"
+    if all(c.of_recording for c in found.members):
+        yield "it is a fault of the recording, and more than noise is left"
 
 
 def confirmed(parts: Parts, chosen: Chosen, horizon_s: float) -> tuple[Parts, Chosen, Evidence]:

@@ -227,15 +227,6 @@ Stretches = tuple[tuple[str, float, float], ...]
 """(trace, from, to) in s."""
 
 
-@dataclass(frozen=True)
-class FoldStretches:
-    """What each fold is made of."""
-
-    fit: Stretches
-    choose: Stretches
-    confirm: Stretches
-
-
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
     """The answer.
@@ -254,7 +245,8 @@ class Diagnosis:
         steps: from the model as declared to the set that was chosen, one effect at a time; a last one takes none, if
             more was fitted there.
         collinear: candidates that this excitation can hardly tell apart.
-        folds: what fitted, what chose among sets, and what the errors and the verdict are from.
+        folds: what `fit` is made of, what `choose`, for the choice among sets, and what `confirm`, which the errors and
+            the verdict are from.
         warnings: what a person should know.
         applied: the effects with their numbers.
         windows: predictions for plots.
@@ -280,7 +272,7 @@ class Diagnosis:
     sigma: Mapping[str, float]
     candidates: tuple[CandidateScore, ...]
     collinear: tuple[Collinear, ...]
-    folds: FoldStretches
+    folds: Mapping[str, Stretches]
     warnings: tuple[str, ...]
     applied: tuple[AppliedEffect, ...]
     windows: tuple[WindowPrediction, ...]

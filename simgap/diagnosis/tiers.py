@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 
@@ -173,12 +174,6 @@ def _in_the_place(search: Search, found: Explanation) -> list[Explanation]:
     return [e for m in found.members for e in search.joined(search.without(found, m), first, NARROW)]
 
 
-def _less(search: Search, found: Explanation, gone: Collection[Candidate]) -> Explanation:
-    for m in gone:
-        found = search.without(found, m)
-    return found
-
-
 def _from_far(search: Search, base: Fit, known: Explanation, near: float | None, most: int) -> list[Explanation]:
     """Each motor alone, beside what is known, and there in the place of what it resembles, from its nearest starts.
 
@@ -190,10 +185,8 @@ def _from_far(search: Search, base: Fit, known: Explanation, near: float | None,
     part = search.problem.on(search.problem.windows.pick(few))
     for c in {c.key: c for c, _ in search.starts.items if c.effect.last}.values():
         alike = [m for m in known.members if m.effect.name in c.effect.resembles]
-        places = {e.keys: e for e in (search.empty(base), _less(search, known, alike), known)}
-        for place in places.values():
-            if len(place.members) >= most:
-                continue
+        places = {e.keys: e for e in (search.empty(base), reduce(search.without, alike, known), known)}
+        for place in (e for e in places.values() if len(e.members) < most):
             x0, tried, members = place.fit.x0[few], [], (*place.members, c)
             for other, start in search.starts.items:
                 if other.key == c.key:

@@ -402,6 +402,7 @@ class CoordinateTarget(Effect):
 
     kind: ClassVar[Kind] = "coordinate"
     needs: ClassVar[str] = "a coordinate (joints of a URDF, or plant.symbolic.coordinates)"
+    rank: ClassVar[int] = FORCE
 
     def targets(self, model: SymbolicModel) -> tuple[str, ...]:
         """Every coordinate of the plant."""
@@ -410,8 +411,6 @@ class CoordinateTarget(Effect):
 
 class CoordinateEffect(CoordinateTarget):
     """A generalised force on a coordinate; an engine of joints acts it out at each of its steps."""
-
-    rank: ClassVar[int] = FORCE
 
     @abstractmethod
     def force(self, position: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
@@ -433,7 +432,6 @@ class MemoryForceEffect(CoordinateTarget):
     The rate of z is affine in z and vanishes at rest, so that the motion before a window tells z at its start.
     """
 
-    rank: ClassVar[int] = FORCE
     remembers: ClassVar[bool] = True
 
     @abstractmethod
@@ -454,11 +452,6 @@ class MemoryForceEffect(CoordinateTarget):
 def both_sides(of: sp.Expr, *limits: float) -> tuple[sp.Expr, ...]:
     """Surfaces on which something is at a limit or at its opposite; none of limits that are infinite."""
     return tuple(of - sp.Float(side * limit) for limit in limits if math.isfinite(limit) for side in (-1.0, 1.0))
-
-
-def drives(model: SymbolicModel, name: str) -> str | None:
-    """The coordinate on which an input is a force, one to one; None if there is none."""
-    return model.driven.get(name)
 
 
 def driven_by(model: SymbolicModel, coordinate: str) -> tuple[str, ...]:

@@ -58,10 +58,6 @@ class Law:
         """In the order in which they are given."""
         return tuple(sp.sympify(getattr(self, f.name)) for f in fields(self))
 
-    def at_the_motor(self) -> Law:
-        """The same torque, read on the motor's side; nothing where there is no motor."""
-        return replace(self, read=_there(self.inertia))
-
 
 class DriveTrainEffect(CoordinateTarget):
     """A transmission between motor and link: two states more, the motor's place p and speed r, seen at the joint.
@@ -171,8 +167,8 @@ class ElasticityBehindEncoder(JointElasticity):
     formula = "I p'' = u - T, link: T in the place of u, T = k (p - q) + c (p' - v), read: p in the place of q"
 
     def law(self, values: Values) -> Law:
-        """k w + c w', seen from the motor."""
-        return super().law(values).at_the_motor()
+        """k w + c w', seen from the motor where there is one."""
+        return replace(super().law(values), read=_there(values["I"]))
 
 
 _QUICK = 500.0  # 1/s: how fast a stop answers; of 150, 300 and 500 the widths came nearest to the hidden ones at 500

@@ -20,7 +20,6 @@ from simgap.effects.base import (
     Start,
     Values,
     driven_by,
-    drives,
 )
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
@@ -64,7 +63,7 @@ def steady_biases(model: SymbolicModel, on: str, found: Sequence[AppliedEffect])
     return {
         k: a.values["bias"]
         for k, a in enumerate(found)
-        if a.name == "input_bias" and drives(model, a.on) == on and not changed & {on, a.on}
+        if a.name == "input_bias" and model.driven.get(a.on) == on and not changed & {on, a.on}
     }
 
 

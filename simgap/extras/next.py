@@ -57,8 +57,7 @@ def paragraph(question: Question, advice: Advice, units: Mapping[str, str], file
 
 
 def _recording(question: Question, advice: Advice, units: Mapping[str, str], file: str) -> str:
-    best, t, model = advice.proposal.best, advice.proposal.bench.t, question.model
-    assert best is not None
+    best, t, model = advice.proposal.found, advice.proposal.bench.t, question.model
     own = model.input_names[: len(question.middle)]
     peaks = [
         f"{name} within {number(float(u.min()), 3)} and {number(float(u.max()), 3)} {pretty_unit(units.get(name, ''))}"
@@ -80,8 +79,7 @@ def _values(names: Sequence[str], values: Iterable[float], units: Mapping[str, s
 
 
 def _certainty(advice: Advice) -> str:
-    best, rivals = advice.proposal.best, advice.known.rivals
-    assert best is not None
+    best, rivals = advice.proposal.found, advice.known.rivals
     a, b = advice.proposal.closest
     pair = f"if {rivals[a].label} is right, {rivals[b].label} is expected to miss by {number(best.d[a, b], 3)} in χ²"
     chance = _percent(advice.proposal.sure)
@@ -130,8 +128,7 @@ def lengths_in_words(advice: Advice) -> str:
 
 def _seconds(advice: Advice) -> tuple[str, str]:
     """Length of the proposed recording, and of the longest that was tried."""
-    t, whole = advice.proposal.bench.t, (advice.longest or advice.proposal).best
-    assert whole is not None
+    t, whole = advice.proposal.bench.t, (advice.longest or advice.proposal).found
     return f"{t[-1] - t[0]:.3g} s", f"{(t[1] - t[0]) * (len(whole.u) - 1):.3g} s"
 
 
@@ -147,10 +144,8 @@ def _besides(advice: Advice) -> str:
 
 
 def _intervals(advice: Advice) -> str:
-    best, (only,) = advice.proposal.best, advice.known.rivals
-    assert best is not None
-    now = np.sqrt(np.diag(np.linalg.pinv(only.information, hermitian=True)) * advice.proposal.bench.excess)
-    ratios: Sequence[float] = (best.d / np.maximum(now, 1e-300)).tolist()
+    best, (only,) = advice.proposal.found, advice.known.rivals
+    ratios: Sequence[float] = (best.d / np.maximum(advice.proposal.bench.errors_now(only), 1e-300)).tolist()
     little = " That is little: another recording of this kind is hardly needed." if min(ratios) > 1.0 - MATTERS else ""
     widths = joined([f"{100 * r:.2g} %" for r in ratios])
     return f"It would narrow the intervals of these numbers to {widths} of their present width.{little}"
@@ -166,8 +161,7 @@ def next_figure(advice: Advice, measured: Sequence[str], left: Floats | None, un
         measured: names of the readings.
         left: (n, k) what that one would miss, fitted again, in units of the noise; None of one explanation alone.
     """
-    best, rivals, t = advice.proposal.best, advice.known.rivals, advice.proposal.bench.t
-    assert best is not None
+    best, rivals, t = advice.proposal.found, advice.known.rivals, advice.proposal.bench.t
     inputs = advice.proposal.bench.model.model.input_names[: len(advice.proposal.bench.middle)]
     rows = 2 if left is None else 3
     figure, grid = style.panels(rows, 1, 2.2 * rows + 0.8, sharex=True)
@@ -246,9 +240,7 @@ def _question(
     record, names = under_conditions(reading, model, section.conditions)
     conditions = tuple(dict.fromkeys(tuple(t.u[0, len(model.inputs) :].tolist()) for t in record.traces))
     settings = settings_of(context.case, section, reading)
-    told = {
-        (f["fault"], f["channel"]) for f in document["recording"]
-    }  # columns that were found to be others among them
+    told = {(f["fault"], f["channel"]) for f in document["recording"]}  # of columns that are others among them
     read = ready(conditioned(model, names), record, replace(settings, effects=library_names(sets)))
     record = max(read, key=lambda each: sum((f.fault, f.channel) in told for f in each.faults)).record
     allowed, middle, reach = _limits(context, record)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -22,25 +22,13 @@ from simgap.model.tree import Tree
 from simgap.notation import capitalised, joined
 
 Document = Mapping[str, Any]
-NUMBER_FROM = {
-    "effects": ("fit", "choose"),
-    "recording": ("fit", "choose"),
-    "candidates": ("fit", "choose"),
-    "steps": ("fit", "choose"),
-    "alternatives": ("fit", "choose"),
-    "indistinguishable": ("fit", "choose"),
-    "fit_quality.chi2_dof": ("fit", "choose"),
-    "verdict": ("fit", "choose", "confirm"),
-    "error": ("confirm",),
-    "explained_share": ("confirm",),
-    "explained_error": ("fit", "choose", "confirm"),
-    "nearest.explained_share": ("confirm",),
-    "left_over.share": ("confirm",),
-    "concentrated": ("confirm",),
-    "fit_quality.held_out_ratio": ("confirm",),
-    "remainder": ("confirm",),
-    "noise": ("fit", "choose", "confirm"),
+_NUMBERS = {
+    ("fit", "choose"): "effects recording candidates steps alternatives indistinguishable fit_quality.chi2_dof",
+    ("confirm",): "error explained_share nearest.explained_share left_over.share concentrated remainder "
+    "fit_quality.held_out_ratio",
+    ("fit", "choose", "confirm"): "verdict explained_error noise",
 }
+NUMBER_FROM = {key: folds for folds, keys in _NUMBERS.items() for key in keys.split()}
 """Which folds a key of the document is from. A verdict asks *confirm* on top of the two that it was found on."""
 
 
@@ -59,7 +47,7 @@ def document(
         side: {"fit_rmse": j.fit_rmse, "horizon_s": j.horizon_s, "horizon_rmse": j.horizon_rmse}
         for side, j in sides.items()
     }
-    folds = {name: _fold(getattr(found.folds, name), reading) for name in ("fit", "choose", "confirm")}
+    folds = {name: _fold(own, reading) for name, own in found.folds.items()}
     content: dict[str, Any] = to_jsonable_python({
         **shared(found, reading, look, error, folds),
         "sentences": [],
@@ -117,11 +105,7 @@ def _judgement(found: result.Diagnosis) -> dict[str, Any]:
         "nearest": _nearest(found.nearest),
         "left_over": None if left is None else [effect_entry(o.effect) | {"share": o.share} for o in left],
         "concentrated": _concentrated(found.concentrated),
-        "doubts": found.doubts,
-        "stopped": found.stopped,
-        "unconfirmed": found.unconfirmed,
-        "faint_memory": found.faint_memory,
-        "at_most": found.at_most,
+        **{key: getattr(found, key) for key in ("doubts", "stopped", "unconfirmed", "faint_memory", "at_most")},
         "alternatives": [_alternative(a) for a in found.alternatives],
         "indistinguishable": [
             {"candidates": [_key(c.first), _key(c.second)], "correlation": c.correlation, "advice": c.advice}
@@ -142,7 +126,7 @@ def _concentrated(c: result.Concentrated | None) -> dict[str, Any] | None:
     if c is None:
         return None
     return {
-        "stretches": [{"trace": t, "from": a, "to": b} for t, a, b in c.stretches],
+        "stretches": _spans(c.stretches),
         "error_share": c.error_share,
         "explained_share_without": 1.0 - c.excess_share_without,
         "median": {"before": c.median_before, "after": c.median_after},
@@ -175,18 +159,13 @@ def effect_entry(e: result.FoundEffect) -> dict[str, Any]:
 
 def _fold(stretches: result.Stretches, reading: Reading) -> dict[str, Any]:
     """Traces, or windows of them, of which a fold is made."""
-    whole = {t for t, _, _ in stretches if _covers(stretches, reading, t)}
-    return {
-        "traces": [t.name for t in reading.record.traces if t.name in whole],
-        "windows": [{"trace": t, "from": a, "to": b} for t, a, b in stretches if t not in whole],
-    }
+    pairs = [(t, sum(b - a for name, a, b in stretches if name == t.name)) for t in reading.record.traces]
+    whole = [trace.name for trace, held in pairs if math.isclose(held, trace.duration, rel_tol=0.05)]
+    return {"traces": whole, "windows": _spans(s for s in stretches if s[0] not in whole)}
 
 
-def _covers(stretches: result.Stretches, reading: Reading, trace: str) -> bool:
-    """True if the stretches of a trace are all of it."""
-    duration = next(t.duration for t in reading.record.traces if t.name == trace)
-    held = sum(b - a for t, a, b in stretches if t == trace)
-    return math.isclose(held, duration, rel_tol=0.05)
+def _spans(stretches: Iterable[tuple[str, float, float]]) -> list[dict[str, Any]]:
+    return [{"trace": trace, "from": a, "to": b} for trace, a, b in stretches]
 
 
 def arm_sentence(document: Document) -> str:

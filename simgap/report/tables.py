@@ -96,8 +96,7 @@ def sweep(m: Material) -> Rows:
     for gap in m.sweep:
         printed = m.printed.get("sup_gamma", {}).get(f"{gap.get('eps') or 0:g}", {})
         states = {s: row | {"printed": printed.get(s)} for s, row in suprema(m, gap).items()}
-        row = {"eps": gap.get("eps"), "samples": gap.get("samples"), "states": states, "fresh": gap.get("fresh")}
-        rows.append(row)
+        rows.append({key: gap.get(key) for key in ("eps", "samples", "fresh")} | {"states": states})
     return rows
 
 

@@ -128,7 +128,7 @@ def test_the_corrected_model_predicts_at_the_floor():
     assert d.applied[0].values["b"] == pytest.approx(0.5, rel=0.02)
     assert d.after.held_out_ratio < 1.08 < d.before.held_out_ratio
     assert d.after.horizon_rmse["q"] < 1.5 * d.floor.horizon_rmse["q"] < d.before.horizon_rmse["q"]
-    assert d.folds.confirm
+    assert d.folds["confirm"]
 
 
 def test_a_model_that_lacks_nothing_is_told_so():

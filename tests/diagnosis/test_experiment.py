@@ -86,12 +86,12 @@ def test_what_a_wrong_explanation_misses_is_what_a_full_fit_to_both_recordings_l
     attempt = tried(bench, Wave("one", shape))
     d = attempt.d[0, 1] * bench.excess
     # the same from its definition: the wrong one's spring and the initial state of each window, free
-    truth = moved(attempt.u[:, 0], (0.0, 0.0), viscous=drag.theta[drag.slots[0]])
+    truth = moved(attempt.u[:, 0], (0.0, 0.0), viscous=drag.theta[min(drag.steps)])
     assert np.abs(attempt.readings[0][:, 0] - truth[:, 0]).max() < 0.01 * SIGMA
     problem, x0 = bench.recorded(attempt.states[0], attempt.readings[0], attempt.u)
     spans = list(zip(problem.windows.start, problem.windows.stop, strict=True))
     assert len(spans) == np.count_nonzero(bench.tells) < len(bench.windows)  # *confirm* tells nothing
-    near = float(pull.theta[pull.slots[0]])
+    near = float(pull.theta[min(pull.steps)])
 
     def misses(z):
         parts = [
@@ -276,7 +276,7 @@ def test_what_a_hidden_effect_leaves_is_what_another_one_fitted_to_both_recordin
     spring, gain = list(hides.columns).index(("spring", "rail")), list(hides.columns).index(("input_gain", "u"))
     # the same by SciPy: the old recording and the new one moved with the hidden spring, the gain and the friction free
     (trace,) = friction.traces
-    b = float(known.rivals[0].theta[known.rivals[0].slots[0]])
+    b = float(known.rivals[0].theta[min(known.rivals[0].steps)])
     k = float(hides.hidden[spring][0]) * 10.0  # ten, so that integration errors are small beside it
     old, x_old = known.problem.windows, moved(trace.u[:, 0], (0.0, 0.0), viscous=b)
     new, x_new = bench.windows.pick(bench.tells), moved(attempt.u[:, 0], (0.0, 0.0), viscous=b)

@@ -104,8 +104,8 @@ def test_what_confirms_chooses_nothing():
     assert same.verdict == "partial"
     assert [e.name for e in viscous.effects] in ([], ["coulomb_friction"])  # viscous friction is nearer, and not chosen
     assert viscous.candidates == same.candidates
-    assert {t for t, _, _ in same.folds.confirm} == {"run9"}
-    assert {t for t, _, _ in same.folds.choose} == {"run3"}
+    assert {t for t, _, _ in same.folds["confirm"]} == {"run9"}
+    assert {t for t, _, _ in same.folds["choose"]} == {"run3"}
 
 
 def test_a_confirmation_that_fails_is_no_attribution():

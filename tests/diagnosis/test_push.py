@@ -66,9 +66,9 @@ def test_a_push_in_a_window_that_fits_or_chooses_weighs_nothing_and_is_told(wher
     assert told.fault == "push"
     assert 0.1 < told.value < 0.5
     assert f"s of run{where + 1} (a push?)" in told.sentence
-    spans = (*d.folds.fit, *d.folds.choose)
+    spans = (*d.folds["fit"], *d.folds["choose"])
     assert not any(name == f"run{where + 1}" and a < 4.25 < b for name, a, b in spans)
-    assert any(name == "run4" and b - a > 9.9 for name, a, b in d.folds.confirm)
+    assert any(name == "run4" and b - a > 9.9 for name, a, b in d.folds["confirm"])
 
 
 def test_a_push_that_began_where_other_data_were_is_one_wherever_it_went():
@@ -149,7 +149,7 @@ def test_a_push_that_two_missing_effects_hide_is_found():
 def test_without_a_push_nothing_is_told_of_one():
     d = _answer(_run(1), _run(2), _run(3))
     assert (d.verdict, d.recording) == ("attributed", ())
-    assert sum(b - a for _, a, b in (*d.folds.fit, *d.folds.choose)) > 19.9
+    assert sum(b - a for _, a, b in (*d.folds["fit"], *d.folds["choose"])) > 19.9
 
 
 def test_what_a_drive_that_saturates_now_and_then_misses_is_no_push():

@@ -186,10 +186,8 @@ def test_what_reaches_the_noise_is_scored_as_it_predicts_what_it_was_not_fitted_
     """Sets compete off the noise alone: at it the answer itself is fitted to other blocks than it predicts."""
     monkeypatch.setattr(choosing, "density", lambda put, *other: put)
     full = SimpleNamespace(empty=lambda base: "declared", steps={})
-    found, nothing = (
-        Chosen(None, None, None, "friction", full, None, None, list, 0.2, floor, True, {}, list)
-        for floor in (True, False)
-    )
+    under = SimpleNamespace(parts=SimpleNamespace(horizon_s=0.2))
+    found, nothing = (Chosen(under, None, full, None, None, None, "friction", floor, list) for floor in (True, False))
     assert (found.predicted, nothing.predicted) == ("friction", "declared")
 
 

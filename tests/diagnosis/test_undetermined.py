@@ -60,10 +60,11 @@ def test_what_a_half_of_the_data_does_not_show_has_no_bound():
 def test_a_finer_effect_of_a_loose_number_goes_only_where_the_coarser_one_is_as_good(monkeypatch, worse_by, left):
     fine = SimpleNamespace(effect=StribeckFriction(), slots=(0, 1, 2))
     plain = SimpleNamespace(effect=CoulombFriction(), slots=(3,))
-    found = SimpleNamespace(members=(fine,), bic=100.0)
-    coarse = SimpleNamespace(members=(plain,), bic=100.0 + worse_by)
+    found = SimpleNamespace(members=(fine,), fit=None, bic=100.0)
+    coarse = SimpleNamespace(members=(plain,), fit=None, bic=100.0 + worse_by)
     monkeypatch.setattr(sets, "vanished", lambda *_: [])
-    monkeypatch.setattr(sets, "_loose", lambda search, e, at_floor: [c for c in e.members if c is fine])
+    monkeypatch.setattr(sets, "errors_of", lambda *_: (None, 1))
+    monkeypatch.setattr(sets, "undetermined", lambda members, *_: [c for c in members if c is fine])
     kept = sets.real(SimpleNamespace(coarser=lambda e, c: coarse), found, False)
     assert [c.effect.name for c in kept.members] == [left]
 

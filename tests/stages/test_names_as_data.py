@@ -8,7 +8,6 @@ import pytest
 from simgap.config.load import load_case
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.record.survey import survey
-from simgap.diagnosis.result import FoldStretches
 from simgap.io import figure_style as style
 from simgap.plants.context import Context
 from simgap.report import diagnosis_page
@@ -25,7 +24,7 @@ def write(folder, name):
     data = example.record(seconds=8.0)
     record = Record((replace(data.traces[0], name=name),), data.measured, data.inputs)
     found = example.diagnosis(context.plant.corrected, data)
-    folds = FoldStretches(*(tuple((name, *ends) for _, *ends in f) for f in vars(found.folds).values()))
+    folds = {fold: tuple((name, *ends) for _, *ends in f) for fold, f in found.folds.items()}
     found = replace(found, windows=tuple(replace(w, trace=name) for w in found.windows), folds=folds)
     look, section = survey(record, context.plant.corrected), context.case.measured or stage.MeasuredSection()
     return stage.conclude(context, section, found, example.reading(record), look, [folder / "b.csv"], folder / "out")

@@ -143,29 +143,30 @@ def _best_by_trial(problem: Problem, options: Sequence[Columns]) -> Columns | No
     best = _best(part, tried, bar / OUT_OF_SIGHT)
     if (best is None or best.reverses) and bar >= OUT_OF_SIGHT:
         beside = [(option, _beside_effects(trial, bar / FAR)) for option, trial in begun if trial.left <= far]
-        best = _best(part, beside, bar / OUT_OF_SIGHT) or _unsure(_best(part, beside, bar / FAR))
-    best = best or _unsure(_best(part, tried, alone / FAR))
-    return _unsure(best) if best is not None and best.reverses else best
+        best = _best(part, beside, bar / OUT_OF_SIGHT) or _best(part, beside, bar / FAR, sure=False)
+    return best or _best(part, tried, alone / FAR, sure=False)
 
 
 def _promised(problem: Problem) -> float:
     """The least BIC that the linear problem of the beginnings of windows promises of up to two effects."""
     seen = at_beginnings(problem, problem.model.null, list_starts(problem))
     sets = (s for size in range(3) for s in best_subsets(seen, size)[:1])
-    return min(s.left + s.count * float(np.log(problem.size)) for s in sets)
+    return min(s.left + sum(len(c.slots) for c in s.members) * float(np.log(problem.size)) for s in sets)
 
 
-def _unsure(best: Columns | None) -> Columns | None:
-    return None if best is None else replace(best, sure=False)
+def _best(part: Problem, tried: Sequence[tuple[Columns, float]], bar: float, sure: bool = True) -> Columns | None:
+    """The best of what was tried, with what does as well in its words; None where none misses by less than the bar.
 
-
-def _best(part: Problem, tried: Sequence[tuple[Columns, float]], bar: float) -> Columns | None:
-    """The best of what was tried, with what does as well in its words; None where none misses by less than the bar."""
+    It is `sure`, if it is to be and reverses nothing.
+    """
     best, least = None, np.inf
     for option, left in tried:
         if left < min(bar, (1.0 - MATTERS) * least) and left < MOST * _missed_without_plant(part, option):
             best, least = option, left
-    return best and best.beside([option for option, left in tried if option is not best and left < least / MOST])
+    if best is None:
+        return None
+    others = [option for option, left in tried if option is not best and left < least / MOST]
+    return replace(best.beside(others), sure=sure and not best.reverses)
 
 
 def _missed_without_plant(part: Problem, option: Columns) -> float:
@@ -269,7 +270,7 @@ def _options(problem: Problem) -> Iterator[Columns]:
     together = [*places, *_groups(names, units)]
     for larger in (False, True):
         for which, of_input, name in together:
-            for words, factor in _mistaken(units[name.split(", ")[0]]):
+            for words, factor in _MISTAKEN.get(units[name.split(", ")[0]], _THOUSANDS):
                 if (factor > 1.0) is larger:
                     yield scaled(which, of_input, factor, WrongUnit().of(name, words, factor), f"{name} in {words}")
     for i, j in itertools.combinations(range(k), 2):
@@ -286,16 +287,15 @@ def _groups(names: Sequence[str], units: Mapping[str, str]) -> Iterator[tuple[li
             yield which, False, ", ".join(names[j] for j in which)
 
 
-def _mistaken(unit: str) -> list[tuple[str, float]]:
-    """Units that are mistaken for this one, with the factor to it."""
-    return {
-        "rad": [("degrees", np.pi / 180), ("turns", 2 * np.pi), *_THOUSANDS],
-        "rad/s": [
-            ("degrees a second", np.pi / 180),
-            ("turns a minute", np.pi / 30),
-            ("turns a second", 2 * np.pi),
-            *_THOUSANDS,
-        ],
-        "m": [("millimetres", 1e-3), ("metres that were read as millimetres", 1e3)],
-        "m/s": [("millimetres a second", 1e-3), ("metres a second that were read as millimetres a second", 1e3)],
-    }.get(unit, list(_THOUSANDS))
+_MISTAKEN = {
+    "rad": (("degrees", np.pi / 180), ("turns", 2 * np.pi), *_THOUSANDS),
+    "rad/s": (
+        ("degrees a second", np.pi / 180),
+        ("turns a minute", np.pi / 30),
+        ("turns a second", 2 * np.pi),
+        *_THOUSANDS,
+    ),
+    "m": (("millimetres", 1e-3), ("metres that were read as millimetres", 1e3)),
+    "m/s": (("millimetres a second", 1e-3), ("metres a second that were read as millimetres a second", 1e3)),
+}
+"""Unit -> those that are mistaken for it, with the factor to it; `_THOUSANDS` of any other."""

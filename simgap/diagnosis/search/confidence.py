@@ -50,22 +50,22 @@ def independent_share(problem: Problem, at: Fit) -> float:
     return samples_as_one(np.split(residual, problem.rows[1:-1]), most)
 
 
-def standard_errors(problem: Problem, at: Fit, steps: dict[int, float], reduced: float, at_floor: bool) -> Floats:
-    """Standard deviations of the free parameters, (p,).
+def standard_errors(problem: Problem, at: Fit, steps: dict[int, float], at_floor: bool) -> tuple[Floats, int]:
+    """Standard deviations of the free parameters, (p,), and the degrees of freedom of their intervals.
 
     At the noise floor: Gauss-Newton covariance times chi^2/dof (the noise is estimated). Above it the residuals are not
     white, so that windows, not samples, are the independent units: the sandwich estimate clustered by window (Liang,
     Zeger (1986), Biometrika 73(1)), never less than the former.
     """
-    plain = np.sqrt(np.maximum(np.diag(at.covariance), 0.0) * reduced)
+    plain = np.sqrt(np.maximum(np.diag(at.covariance), 0.0) * chi2_dof(problem, at))
     windows, p = len(problem.windows), len(at.slots)
     if at_floor or windows <= p or not p:
-        return np.asarray(plain)
+        return plain, problem.size if at_floor else windows - p
     directions = [slot_direction(problem, at.theta, k, steps[k]) for k in at.slots]
     parts = linearise(problem, at.theta, at.x0, directions).window_gradient
     meat = parts.T @ parts * windows / (windows - p)
     robust = np.sqrt(np.maximum(np.diag(at.covariance @ meat @ at.covariance), 0.0))
-    return np.asarray(np.maximum(plain, robust))
+    return np.maximum(plain, robust), windows - p
 
 
 def vanishing(problem: Problem, members: Sequence[Candidate], at: Fit, errors: Floats, dof: int) -> list[Candidate]:
@@ -73,13 +73,14 @@ def vanishing(problem: Problem, members: Sequence[Candidate], at: Fit, errors: F
 
     A saturation acts on nothing where its limit may lie above the largest command. `errors`: (p,) standard deviations.
     """
-    by_slot, gone = dict(zip(at.slots, errors.tolist(), strict=True)), []
-    for c in members:
+    by_slot = dict(zip(at.slots, errors.tolist(), strict=True))
+
+    def is_gone(c: Candidate) -> bool:
         acting = [(p, k) for p, k in zip(c.effect.parameters, c.slots, strict=True) if not (p.shape or p.integer)]
         ends = [(p.null, *interval(float(at.theta[k]), by_slot.get(k, 0.0), dof)) for p, k in acting]
-        if all(_reached(problem, c, null, lo, hi) for null, lo, hi in ends):
-            gone.append(c)
-    return gone
+        return all(_reached(problem, c, null, lo, hi) for null, lo, hi in ends)
+
+    return [c for c in members if is_gone(c)]
 
 
 def undetermined(members: Sequence[Candidate], at: Fit, errors: Floats, dof: int) -> list[Candidate]:
@@ -101,11 +102,6 @@ def _reached(problem: Problem, c: Candidate, null: float, lo: float, hi: float) 
     if math.isinf(null) and c.on in problem.model.model.input_names:
         return hi >= float(np.abs(problem.u[:, problem.model.model.input_names.index(c.on)]).max())
     return lo <= null <= hi
-
-
-def degrees_of_freedom(problem: Problem, at: Fit, at_floor: bool) -> int:
-    """Of an interval: samples at the noise floor; above it windows, which are then the independent units."""
-    return problem.size if at_floor else len(problem.windows) - len(at.slots)
 
 
 def interval(value: float, error: float, dof: int) -> tuple[float, float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -74,7 +74,6 @@ class Search:
     tried: dict[tuple[frozenset[Key], tuple[float, ...]], Explanation] = field(default_factory=dict)
     screens: dict[tuple[frozenset[Key], float], Screen] = field(default_factory=dict)
     every: dict[frozenset[Key], list[Score]] = field(default_factory=dict)
-    unseen: dict[frozenset[Key], frozenset[Key]] = field(default_factory=dict)
     ends: dict[tuple[tuple[int, ...], bytes, bytes], tuple[Fit, dict[int, float]]] = field(default_factory=dict)
     watch: Watch = field(default_factory=Watch)
     limit: float = math.inf
@@ -136,26 +135,21 @@ class Search:
         theta = with_values(found.theta, back | c.by_slot(point))
         return self.explain((*base.members, c), theta, found, again=True)
 
-    def without(self, base: Explanation, member: Candidate) -> Explanation:
-        """Fit the base without one effect."""
-        kept = tuple(c for c in base.members if c.key != member.key)
-        null = {k: float(self.problem.model.null[k]) for k in member.slots}
-        return self.explain(kept, with_values(base.fit.theta, null), base.fit, again=True)
+    def without(self, base: Explanation, member: Candidate, instead: Sequence[Candidate] = ()) -> Explanation:
+        """Fit the base without one effect, or with what that one contains `instead`, begun at its numbers."""
+        kept = tuple(k for c in base.members for k in (instead if c.key == member.key else (c,)))
+        values = {k: float(self.problem.model.null[k]) for k in member.slots}
+        for c in instead:
+            values |= c.by_slot(member.values(base.fit.theta.tolist()))
+        return self.explain(kept, with_values(base.fit.theta, values), base.fit, again=True)
 
     def coarser(self, base: Explanation, member: Candidate) -> Explanation:
         """Fit the base with the effect that one of its effects contains in that one's place.
 
-        Without it where it is not among the candidates.
+        Without it where it is not among the candidates, or beside it.
         """
-        inner = member.effect.contains
-        found = [c for c, _ in self.starts.items if inner is not None and c.key == (inner.name, member.on)]
-        if not found or found[0].key in base.keys:
-            return self.without(base, member)
-        kept = tuple(found[0] if c.key == member.key else c for c in base.members)
-        null = {k: float(self.problem.model.null[k]) for k in member.slots}
-        own = found[0].by_slot(member.values(base.fit.theta.tolist()))
-        theta = with_values(base.fit.theta, null | own)
-        return self.explain(kept, theta, base.fit, again=True)
+        inner = [c for c, _ in self.starts.items if c.key == _contained(member) and c.key not in base.keys]
+        return self.without(base, member, inner[:1])
 
     def refined(self, base: Explanation) -> list[Explanation]:
         """The base with an effect that contains one of its own in that one's place, fitted, physical ones only."""
@@ -257,8 +251,7 @@ class Search:
     def ranked(self, base: Explanation) -> list[Score]:
         """Scores of everything that could join the base, best first, one start for each candidate."""
         if base.keys not in self.every:
-            seen = self.screen(base)
-            self.every[base.keys], self.unseen[base.keys] = score(seen), seen.unseen
+            self.every[base.keys] = score(self.screen(base))
         return best_of_each(self.every[base.keys])
 
     def joined(self, base: Explanation, exclude: Collection[Key] = (), most: int = WIDTH) -> list[Explanation]:

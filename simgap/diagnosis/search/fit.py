@@ -125,7 +125,7 @@ def fit(
     free = list(slots)
     if not free:
         ends = refit_from_all(problem, theta, x0)
-        chi2, settled = float(np.sum(ends.chi2)), _all_settled(ends, problem)
+        chi2, settled = float(np.sum(ends.chi2)), _all_settled(problem, ends.promise, ends.chi2)
         return Fit(theta.copy(), ends.x0, (), chi2, np.zeros((0, 0)), (), settled, problem)
     at = _Point(theta.copy(), x0.copy(), window_chi2(problem, theta, x0))
     at, converged = _begun_afresh(problem, at, np.zeros(len(x0))), False
@@ -136,12 +136,16 @@ def fit(
         still = at.chi2 - linear.window_rest  # what the initial states still promise, by the linear problem
         mended = _begun_afresh(problem, at, still)
         if mended.total > at.total - EQUIVALENT_CHI2 * max(1.0, at.total / problem.size):
-            scale = np.maximum(1.0, at.chi2 / problem.counts)
-            converged = settled and (problem.model.rubs(at.theta) or bool(np.all(still <= EQUIVALENT_CHI2 * scale)))
+            converged = settled and (problem.model.rubs(at.theta) or _all_settled(problem, still, at.chi2))
             break
         at = mended
     limit = tuple(k for k in free if at.theta[k] in (problem.model.lower[k], problem.model.upper[k]))
     return Fit(at.theta, at.x0, tuple(slots), at.total, inverted(linear.gram, 1e-12), limit, converged, problem)
+
+
+def states_fitted(problem: Problem, theta: Floats) -> Fit:
+    """The fit of the initial states alone, at theta (q,)."""
+    return fit(problem, theta, initial_states(problem), [], {})
 
 
 def _least_gain(problem: Problem, at: _Point) -> float:
@@ -170,18 +174,16 @@ def _descend(
         vain = vain + 1 if float(np.sum(foreseen)) > useless else 0
         if vain == PATIENCE:
             return at, linear, False, True
-        new = None
         while damping < _STIFFEST:
             theta = _clipped(problem, at, free, _step(problem, at.theta, free, linear, damping))
             step = theta[free] - at.theta[free]
-            tried = _follow(problem, at, linear, theta, step)
-            if tried.total <= at.total:
-                new = tried
+            new = _follow(problem, at, linear, theta, step)
+            if new.total <= at.total:
                 break
             if float(np.sum(linear.window_rest - linear.foreseen(step))) < _least_gain(problem, at):
                 break  # a shorter step has nothing left to gain
             damping, harder = damping * harder, harder * SOONER
-        if new is None:  # no step leads down: not at a minimum by any word of the linear problem
+        if not new.total <= at.total:  # no step leads down: not at a minimum by any word of the linear problem
             break
         gain, at = at.total - new.total, new
         damping, harder = max(damping / SOONER, _SOFTEST), SOONER
@@ -218,8 +220,8 @@ def _begun_afresh(problem: Problem, at: _Point, promise: Floats) -> _Point:
     return _Point(at.theta, ends.x0, ends.chi2)
 
 
-def _all_settled(ends: Refit, problem: Problem) -> bool:
-    return bool(np.all(ends.promise <= EQUIVALENT_CHI2 * np.maximum(1.0, ends.chi2 / problem.counts)))
+def _all_settled(problem: Problem, promise: Floats, chi2: Floats) -> bool:
+    return bool(np.all(promise <= EQUIVALENT_CHI2 * np.maximum(1.0, chi2 / problem.counts)))
 
 
 def _clipped(problem: Problem, at: _Point, free: list[int], step: Floats) -> Floats:

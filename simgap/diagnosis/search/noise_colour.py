@@ -161,12 +161,9 @@ def follows_input(problem: Problem, white: Floats) -> bool:
 def _past(problem: Problem) -> Floats:
     """Inputs of the last samples of each window and their squares with their sign: (n, 2 nu lags)."""
     scale = np.maximum(np.abs(problem.u).max(axis=0), 1e-300)
-    blocks = []
-    for begin, end in zip(problem.rows[:-1].tolist(), problem.rows[1:].tolist(), strict=True):
-        at = problem.samples[begin:end]
-        u = problem.u[np.maximum(at[:, None] - _LAGS, at[0])] / scale  # (rows, lags, nu)
-        blocks.append(np.concatenate([u, np.abs(u) * u], axis=2).reshape(end - begin, -1))
-    return np.concatenate(blocks)
+    first = np.repeat(problem.samples[problem.rows[:-1]], np.diff(problem.rows))  # of the window of each
+    u = problem.u[np.maximum(problem.samples[:, None] - _LAGS, first[:, None])] / scale  # (n, lags, nu)
+    return np.concatenate([u, np.abs(u) * u], axis=2).reshape(len(u), -1)
 
 
 def memory_left(problem: Problem, found: Fit) -> tuple[int, ...]:

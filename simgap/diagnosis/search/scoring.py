@@ -15,7 +15,7 @@ from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import Direction, linearise, promised, slot_direction, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.effects import EFFECTS
-from simgap.effects.base import Scales, Start, driven_by, drives
+from simgap.effects.base import Scales, Start, driven_by
 from simgap.effects.rigid_body import ParameterError, ReflectedInertia
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
@@ -53,21 +53,20 @@ def list_starts(problem: Problem, barred: Collection[Key] = ()) -> Starts:
     model = problem.model.model
     spacing = problem.spacing
     commands = dict(zip(model.input_names, np.abs(problem.u).max(axis=0), strict=True))
-    items, wheels = [], problem.model.model.wheels
+    items = []
     for c in problem.model.candidates:
         if c.key in barred:
             continue
         scales = Scales(spacing)
         if c.effect.kind == "input":
-            moved = drives(model, c.on)
-            speed = _speed(problem, moved) if moved is not None else 1.0
-            scales = Scales(spacing, command=float(commands[c.on]) or 1.0, speed=speed)
-        elif c.effect.kind == "plant" and wheels is not None:
-            scales = Scales(spacing, command=float(commands[wheels.linear]) or 1.0)
+            speed = _speed(problem, model.driven[c.on]) if c.on in model.driven else 1.0
+            scales = Scales(spacing, float(commands[c.on]) or 1.0, speed)
+        elif c.effect.kind == "plant" and model.wheels is not None:
+            scales = Scales(spacing, float(commands[model.wheels.linear]) or 1.0)
         elif c.effect.kind == "coordinate":
-            drive = sum(float(commands[u]) for u in driven_by(model, c.on))
-            own = _speed(problem, c.on), _inertia(model, c.on), _places(problem, c)
-            scales = Scales(spacing, drive or 1.0, *own)
+            drive, places = sum(float(commands[u]) for u in driven_by(model, c.on)), visited(problem, c)
+            ends = float(np.nanmin(places)), float(np.nanmax(places))
+            scales = Scales(spacing, drive or 1.0, _speed(problem, c.on), _inertia(model, c.on), ends)
         items += [(c, start) for start in c.effect.starts(scales)]
     return Starts(tuple(items))
 
@@ -96,11 +95,6 @@ def visited(problem: Problem, c: Candidate) -> Floats:
         return problem.u[problem.samples, model.input_names.index(c.on)]
     position = model.coordinate(c.on).position if c.effect.kind == "coordinate" else None
     return problem.y[:, measured.index(position)] if position in measured else np.zeros(1)
-
-
-def _places(problem: Problem, c: Candidate) -> tuple[float, float]:
-    q = visited(problem, c)
-    return float(np.nanmin(q)), float(np.nanmax(q))
 
 
 def _inertia(model: SymbolicModel, coordinate: str) -> float:
@@ -183,9 +177,8 @@ def screen(problem: Problem, at: Fit, steps: dict[int, float], starts: Starts, e
         if c.key in exclude:
             continue
         amplitude = small_amplitude(problem, at, c, start, index, starts)
-        columns = [column(at.theta, c, start, j, amplitude) for j in range(start.size)]
         asked.append((c, start, tuple(range(len(directions), len(directions) + start.size))))
-        directions += columns
+        directions += [column(at.theta, c, start, j, amplitude) for j in range(start.size)]
     linear = linearise(problem, at.theta, at.x0, directions)
     seen = [it for it in asked if linear.visible[list(it[2])].any()]
     unseen = frozenset(c.key for c, _, _ in asked) - {c.key for c, _, _ in seen}
@@ -195,11 +188,13 @@ def screen(problem: Problem, at: Fit, steps: dict[int, float], starts: Starts, e
 def score(seen: Screen) -> list[Score]:
     """Every start of every candidate beside the fit, best first; starts of the wrong sign are left out."""
     scores = []
-    for c, start, columns_at in seen.asked:
-        drop, coefficients = _promise(seen.gram, seen.gradient, seen.own, list(columns_at))
-        values = begun_at(c, start, coefficients)
-        if drop > 0.0 and values is not None:
-            scores.append(Score(c, drop, values, columns_at if start.amplitude is None else ()))
+    alone, _ = promised(seen.gram[: seen.own, : seen.own], seen.gradient[: seen.own])
+    for c, start, columns in seen.asked:
+        free = [*range(seen.own), *columns]
+        whole, coefficients = promised(seen.gram[np.ix_(free, free)], seen.gradient[free])
+        values = begun_at(c, start, coefficients[seen.own :])
+        if whole > alone and values is not None:
+            scores.append(Score(c, whole - alone, values, columns if start.amplitude is None else ()))
     return sorted(scores, key=lambda s: -s.drop)
 
 
@@ -252,10 +247,3 @@ def small_amplitude(problem: Problem, at: Fit, c: Candidate, start: Start, index
 def _kinked(problem: Problem, c: Candidate, start: Start) -> bool:
     """Whether what the effect does turns round somewhere."""
     return not c.of_recording and bool(c.effect.surfaces(problem.model.model, c.on, start.point([1.0] * start.size)))
-
-
-def _promise(gram: Floats, gradient: Floats, own: int, columns: list[int]) -> tuple[float, Floats]:
-    """Drop of chi^2 when these columns join the free parameters, and their coefficients."""
-    free = [*range(own), *columns]
-    drop, whole = promised(gram[np.ix_(free, free)], gradient[free])
-    return drop - promised(gram[:own, :own], gradient[:own])[0], whole[own:]

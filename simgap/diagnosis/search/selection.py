@@ -16,9 +16,8 @@ from simgap.arrays import Floats
 from simgap.diagnosis.result import Key
 from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.explanations import SAME, SAME_PROMISE, Explanation, Search
-from simgap.diagnosis.search.fit import Fit, fit
+from simgap.diagnosis.search.fit import Fit, fit, states_fitted
 from simgap.diagnosis.search.scoring import Screen, Starts, begun_at, screen
-from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import scaled, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
@@ -207,13 +206,12 @@ class Subset:
 
     Attributes:
         members: these effects; values: where a fit of all begins, slot -> value.
-        left: chi^2 that the linear problem leaves; count: parameters that they bring.
+        left: chi^2 that the linear problem leaves.
     """
 
     members: tuple[Candidate, ...]
     values: dict[int, float]
     left: float
-    count: int
 
 
 @dataclass(frozen=True)
@@ -229,10 +227,9 @@ def best_subsets(seen: Screen, size: int) -> list[Subset]:
     """
     gram, scale = scaled(seen.gram)
     gradient = seen.gradient / scale
-    options = [k for k, (c, _, _) in enumerate(seen.asked) if c.effect.contains is None]
     kept = [_Partial((), 0.0)]
     for _ in range(size):
-        kept = _distinct(seen, [wider for p in kept for wider in _with_one_more(seen, gram, gradient, options, p)])
+        kept = _distinct(seen, [wider for p in kept for wider in _with_one_more(seen, gram, gradient, p)])
     found = [_subset(seen, gram, gradient, scale, p) for p in kept]
     return sorted((s for s in found if s is not None), key=lambda s: s.left)
 
@@ -241,23 +238,19 @@ def _columns(seen: Screen, picks: tuple[int, ...]) -> list[int]:
     return [*range(seen.own), *(j for k in picks for j in seen.asked[k][2])]
 
 
-def _with_one_more(seen: Screen, gram: Floats, gradient: Floats, options: list[int], p: _Partial) -> list[_Partial]:
+def _with_one_more(seen: Screen, gram: Floats, gradient: Floats, p: _Partial) -> list[_Partial]:
     """One more effect in all ways."""
     have = _columns(seen, p.picks)
-    rest, pull = gram, gradient
-    whole = 0.0
-    if have:
-        inner = gram[np.ix_(have, have)] + _RIDGE * np.eye(len(have))
-        weights = np.linalg.solve(inner, np.column_stack([gram[have], gradient[have]]))
-        rest = gram - gram[:, have] @ weights[:, :-1]
-        pull = gradient - gram[:, have] @ weights[:, -1]
-        whole = float(gradient[have] @ weights[:, -1])
+    inner = gram[np.ix_(have, have)] + _RIDGE * np.eye(len(have))
+    weights = np.linalg.solve(inner, np.column_stack([gram[have], gradient[have]]))
+    rest = gram - gram[:, have] @ weights[:, :-1]
+    pull = gradient - gram[:, have] @ weights[:, -1]
+    whole = float(gradient[have] @ weights[:, -1])
     taken = {seen.asked[k][0].key for k in p.picks}
     out = []
-    for k in options:
-        c, _, columns = seen.asked[k]
+    for k, (c, _, columns) in enumerate(seen.asked):
         own = [j for j in columns if rest[j, j] > _LEFT]
-        if c.key in taken or not own:
+        if c.key in taken or c.effect.contains is not None or not own:
             continue
         block = rest[np.ix_(own, own)] + _RIDGE * np.eye(len(own))
         out.append(_Partial((*p.picks, k), whole + float(pull[own] @ np.linalg.solve(block, pull[own]))))
@@ -276,14 +269,11 @@ def _distinct(seen: Screen, options: list[_Partial]) -> list[_Partial]:
         keys = frozenset(seen.asked[k][0].key for k in p.picks)
         left = seen.rest - p.drop
         same = bool(kept) and abs(seen.rest - kept[-1].drop - left) <= SAME_PROMISE * max(abs(left), 1.0)
-        if keys in sets:
+        if keys in sets or (same and place(p) >= place(kept[-1])):
             continue
         if same:
-            if place(p) < place(kept[-1]):
-                kept[-1] = p
-                sets.add(keys)
-            continue
-        if len(kept) == _KEPT:
+            kept.pop()
+        elif len(kept) == _KEPT:
             break
         kept.append(p)
         sets.add(keys)
@@ -296,15 +286,13 @@ def _subset(seen: Screen, gram: Floats, gradient: Floats, scale: Floats, p: _Par
     inner = gram[np.ix_(have, have)] + _RIDGE * np.eye(len(have))
     step = np.linalg.solve(inner, gradient[have]) / scale[have]
     values = {k: float(seen.at.theta[k] + s) for k, s in zip(seen.at.slots, step[: seen.own], strict=True)}
-    place, count = seen.own, 0
-    for k in p.picks:
-        c, start, columns = seen.asked[k]
-        begun = begun_at(c, start, step[place : place + len(columns)])
+    by_column = dict(zip(have, step, strict=True))
+    for c, start, columns in (seen.asked[k] for k in p.picks):
+        begun = begun_at(c, start, np.array([by_column[j] for j in columns]))
         if begun is None:
             return None
         values |= begun
-        place, count = place + len(columns), count + len(c.slots)
-    return Subset(tuple(seen.asked[k][0] for k in p.picks), values, seen.rest - p.drop, count)
+    return Subset(tuple(seen.asked[k][0] for k in p.picks), values, seen.rest - p.drop)
 
 
 def leap(search: Search, base: Fit, most: int) -> None:
@@ -346,7 +334,7 @@ def leap_from_beginnings(search: Search, base: Fit, most: int) -> None:
 def at_beginnings(problem: Problem, theta: Floats, starts: Starts) -> Screen:
     """The linear problem of the beginnings of windows: in one as long as a swing a spring turns its force round."""
     part = problem.on(problem.windows.begun(_BEGINNING))
-    return screen(part, fit(part, theta, initial_states(part), [], {}), {}, Starts(starts.items))
+    return screen(part, states_fitted(part, theta), {}, Starts(starts.items))
 
 
 def fit_larger(search: Search, sources: list[Explanation], size: int) -> None:
@@ -387,10 +375,8 @@ def _best_of_size(search: Search, size: int, most: int) -> list[Explanation]:
 
 def _sources(search: Search, base: Fit, size: int) -> list[Explanation]:
     """The best smaller sets, those that lack one effect and more."""
-    found = [search.empty(base)] if size <= LEAPS_ANYHOW else []
-    for lacking in range(1, LEAPS_ANYHOW + 1):
-        found += _best_of_size(search, size - lacking, NARROW)
-    return [e for e in found if e.members or size <= LEAPS_ANYHOW]
+    smaller = [e for less in range(1, LEAPS_ANYHOW + 1) for e in _best_of_size(search, size - less, NARROW)]
+    return [search.empty(base), *smaller] if size <= LEAPS_ANYHOW else smaller
 
 
 def _options(
@@ -398,13 +384,10 @@ def _options(
 ) -> list[tuple[Explanation, Subset]]:
     """Sets of one size that are promised less than `below`, the best first, each set once."""
     every = [(e, s) for e in sources for s in best_subsets(search.screen(e), size - len(e.members)) if s.left < below]
-    kept, seen = [], {e.keys for e in search.tried.values()}
+    tried, best = {e.keys for e in search.tried.values()}, dict[frozenset[Key], tuple[Explanation, Subset]]()
     for e, s in sorted(every, key=lambda it: it[1].left):
-        keys = e.keys | {c.key for c in s.members}
-        if keys not in seen:
-            seen.add(keys)
-            kept.append((e, s))
-    return kept[:WIDTH]
+        best.setdefault(e.keys | {c.key for c in s.members}, (e, s))
+    return [option for keys, option in best.items() if keys not in tried][:WIDTH]
 
 
 def _fitted(search: Search, options: Iterable[tuple[Explanation, Subset]]) -> None:

@@ -84,13 +84,13 @@ def alternatives(found: Explanation, rivals: Sequence[Rival]) -> tuple[Alternati
 
 def candidate_scores(search: Search, empty: Explanation, barred: Mapping[Key, str]) -> tuple[CandidateScore, ...]:
     """Every candidate beside the model as declared, the most promising first; `barred`: why some were not tried."""
-    promised = {s.candidate.key: s.drop for s in search.ranked(empty)}
+    promised, unseen = {s.candidate.key: s.drop for s in search.ranked(empty)}, search.screen(empty).unseen
     singles = sorted((e for e in search.tried.values() if len(e.members) == 1), key=lambda e: -e.bic)
     alone = {e.members[0].key: e for e in singles}
     rows = []
     for c in search.problem.model.candidates:
         reason = "" if c.key in promised else "the data imply the opposite sign or no effect"
-        if c.key in search.unseen[empty.keys]:
+        if c.key in unseen:
             reason = "these data do not show it"
         reason = barred.get(c.key, reason)
         e: Explanation | None = alone.get(c.key)
@@ -98,12 +98,9 @@ def candidate_scores(search: Search, empty: Explanation, barred: Mapping[Key, st
             rows.append(CandidateScore(*c.key, promised.get(c.key, 0.0), None, {}, reason))
             continue
         if not e.physical:
-            bent = c.effect.one_curve and sound(c, e.fit)
-            reason = (
-                "it fits almost anything, and still leaves more than noise"
-                if bent
-                else "its best fit is unphysical or zero"
-            )
+            reason = "its best fit is unphysical or zero"
+            if c.effect.one_curve and sound(c, e.fit):
+                reason = "it fits almost anything, and still leaves more than noise"
         gain, left = empty.bic - e.bic, chi2_dof(search.problem, e.fit)
         rows.append(CandidateScore(*c.key, promised.get(c.key, 0.0), gain, parameter_values(c, e.fit), reason, left))
     return tuple(sorted(rows, key=lambda r: -max(r.bic_gain or -math.inf, 0.0) - 1e-3 * r.chi2_drop))

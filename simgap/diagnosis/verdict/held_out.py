@@ -18,8 +18,7 @@ from simgap.diagnosis.record.folds import LOOK_BACK_SAMPLES, Windows, merged
 from simgap.diagnosis.record.record import runs
 from simgap.diagnosis.result import Concentrated, Judged, Stretches
 from simgap.diagnosis.search.confidence import at_noise, chi2_dof
-from simgap.diagnosis.search.fit import Fit, fit
-from simgap.diagnosis.simulation.initial import initial_states
+from simgap.diagnosis.search.fit import Fit, states_fitted
 from simgap.diagnosis.simulation.noise_law import are_gross, limited
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import state_columns, state_steps
@@ -61,7 +60,7 @@ class HeldOut:
 def judge(held: Problem, theta: Floats, horizon_s: float) -> HeldOut:
     """Refit only the initial states (w, nx) of held-out windows at theta (q,), and predict ahead causally."""
     held = replace(held, usual=None)
-    at = fit(held, theta, initial_states(held), [], {})
+    at = states_fitted(held, theta)
     plain = held.residuals(theta, at.x0)
     noise = np.ones(len(held.sigma))
     loss = limited(plain, noise)
@@ -167,7 +166,7 @@ def horizon_error(problem: Problem, theta: Floats, horizon: float) -> HorizonErr
     if not len(base):
         return None
     at = problem.on(Windows(base, middle, trace))
-    start = fit(at, theta, initial_states(at), [], {}).x0
+    start = states_fitted(at, theta).x0
     whole = problem.on(Windows(base, end, trace))
     error = whole.misses(theta, start)[whole.rows[1:] - 1] * problem.sigma
     return HorizonError(error, middle - 1, end - 1, partial(_floor, at, whole, theta, start))

@@ -19,14 +19,7 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.diagnosis.record.folds import Windows
 from simgap.diagnosis.result import Key
-from simgap.diagnosis.search.confidence import (
-    chi2_dof,
-    degrees_of_freedom,
-    independent_share,
-    standard_errors,
-    undetermined,
-    vanishing,
-)
+from simgap.diagnosis.search.confidence import chi2_dof, independent_share, standard_errors, undetermined, vanishing
 from simgap.diagnosis.search.equivalence import Rival
 from simgap.diagnosis.search.explanations import Explanation, Search, sound
 from simgap.diagnosis.search.fit import Fit, fit
@@ -51,7 +44,8 @@ def real(search: Search, found: Explanation, at_floor: bool) -> Explanation:
         if gone:
             found = search.without(found, gone[0])
             continue
-        plainer = [search.coarser(found, c) for c in _loose(search, found, at_floor)]
+        loose = undetermined(found.members, found.fit, *errors_of(search, found, at_floor))
+        plainer = [search.coarser(found, c) for c in loose]
         as_good = [e for e in plainer if e.bic - found.bic < BIC_GAIN]
         if not as_good:
             break
@@ -64,15 +58,9 @@ def vanished(search: Search, found: Explanation, at_floor: bool) -> list[Candida
     return vanishing(search.problem, found.members, found.fit, *errors_of(search, found, at_floor))
 
 
-def _loose(search: Search, found: Explanation, at_floor: bool) -> list[Candidate]:
-    return undetermined(found.members, found.fit, *errors_of(search, found, at_floor))
-
-
 def errors_of(search: Search, found: Explanation, at_floor: bool) -> tuple[Floats, int]:
     """Standard errors (p,) of what was fitted, and the degrees of freedom of its intervals."""
-    reduced = chi2_dof(search.problem, found.fit)
-    errors = standard_errors(search.problem, found.fit, search.steps, reduced, at_floor)
-    return errors, degrees_of_freedom(search.problem, found.fit, at_floor)
+    return standard_errors(search.problem, found.fit, search.steps, at_floor)
 
 
 def negligible(search: Search, found: Explanation, among: Sequence[Candidate]) -> list[Candidate]:

@@ -240,20 +240,14 @@ def _remedies(question: Question, u: Floats, rng: np.random.Generator) -> Iterat
 
 def _set(question: Question, name: str, value: float, rng: np.random.Generator) -> float:
     """How sure one is once a mass is known to have another value: no explanation errs about it then."""
-    own = len(question.conditions[0])
     model = conditioned(question.model, [name])
     declared = question.model.parameters[name].value
-    traces = tuple(
-        Trace(t.name, t.t, t.y, np.hstack([t.u, np.full((len(t.u), 1), declared)]), t.used)
-        for t in question.record.traces
-    )
-    record = Record(traces, question.record.measured, (*question.record.inputs, name))
+    traces = tuple(replace(t, u=np.hstack([t.u, np.full((len(t.u), 1), declared)])) for t in question.record.traces)
+    record = replace(question.record, traces=traces, inputs=(*question.record.inputs, name))
     sets = tuple(tuple(a for a in s if a.on != name) for s in question.sets)
-    other = replace(
-        question, model=model, record=record, sets=sets, conditions=((*question.conditions[0][:own], value),)
-    )
-    known = other.fitted()
-    return propose([other.bench(known, other.conditions[0])], rng, few=True).of_all
+    other = replace(question, model=model, record=record, sets=sets)
+    bench = other.bench(other.fitted(), (*question.conditions[0], value))
+    return propose([bench], rng, few=True).of_all
 
 
 def _read(question: Question, name: str, u: Floats, rng: np.random.Generator) -> float:

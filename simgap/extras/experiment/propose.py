@@ -65,12 +65,10 @@ class Beside:
         """(e, e + 1) D of each effect at one standard error, with another one in its place or (last) with none."""
         problem, x0 = replace(bench, model=self.model).recorded(states, readings, u)
         gram = self.gram + linearise(problem, self.theta, x0, self.directions).gram
-        effects = list(self.columns.values())
-        count = len(effects)
-        out = np.full((count, count + 1), np.inf)
-        own = list(range(self.own))
-        for other in range(count + 1):
-            free = [*own, *(effects[other] if other < count else ())]
+        effects = [*self.columns.values()]
+        out = np.full((len(effects), len(effects) + 1), np.inf)
+        for other, more in enumerate([*effects, ()]):
+            free = [*range(self.own), *more]
             left = gram - gram[:, free] @ inverted(gram[np.ix_(free, free)]) @ gram[free, :]
             for e, (columns, v) in enumerate(zip(effects, self.hidden, strict=True)):
                 if e != other:
@@ -94,14 +92,13 @@ def beside(
     parts, _ = parts_of(model, record, replace(settings, noise=noise))
     problem = coarse(parts.known)
     rival = translated(known.rivals[0], answer, known.problem.model, problem.model)
-    steps = dict(zip(rival.slots, rival.steps, strict=True))
-    at = fit(problem, rival.theta, initial_states(problem), rival.slots, steps, _ROUNDS)
-    own = [slot_direction(problem, at.theta, k, h) for k, h in steps.items()]
+    at = fit(problem, rival.theta, initial_states(problem), [*rival.steps], rival.steps, _ROUNDS)
+    own = [slot_direction(problem, at.theta, k, h) for k, h in rival.steps.items()]
     directions, columns = list(own), dict[Key, tuple[int, ...]]()
     inside = {c.key for c in members(problem.model, answer)}
     starts = list_starts(problem, inside)
     for index, (c, start) in enumerate(starts.items):
-        if c.key in inside or c.key in columns:
+        if c.key in columns:
             continue
         amplitude = small_amplitude(problem, at, c, start, index, starts)
         columns[c.key] = tuple(range(len(directions), len(directions) + start.size))
@@ -182,10 +179,15 @@ class InputProposal:
     counted: Counted
 
     @property
+    def found(self) -> Try:
+        """The best, where an input kept the plant in its range."""
+        assert self.best is not None
+        return self.best
+
+    @property
     def closest(self) -> tuple[int, int]:
         """The pair that the best input tells least surely: the right one and the other."""
-        assert self.best is not None
-        z = _counting(self.best, self.counted)
+        z = _counting(self.found, self.counted)
         a, b = np.unravel_index(int(np.argmin(z)), z.shape)
         return int(a), int(b)
 
@@ -212,17 +214,14 @@ def propose(
         beside: what may hide beside the first of them.
         counted: the pairs that count; those that some input tells apart if not given.
     """
-    found: list[Try] = []
-    count = left = 0
+    attempts: list[Try | None] = []
     for bench in benches:
-        for wave in _sized(bench, rng, SHARES[:1] if few else SHARES):
-            count += 1
-            attempt = _fitting(bench, wave, beside)
-            if attempt is None:
-                left += 1
-            else:
-                found.append(attempt)
-        tell(f"{count} inputs tried")
+        for wave in waves(bench.t, len(bench.reach), rng):
+            for size in SHARES[:1] if few else SHARES:
+                attempts.append(_fitting(bench, replace(wave, u=size * wave.u), beside))
+        tell(f"{len(attempts)} inputs tried")
+    found = [a for a in attempts if a is not None]
+    count, left = len(attempts), len(attempts) - len(found)
     counted = counted or _told(found, len(benches[0].rivals))
     if not found:
         return InputProposal(None, benches[0], count, left, 0.0, 0.0, counted)
@@ -272,19 +271,12 @@ def shown(a: Try, counted: Counted) -> float:
     return float(np.mean(least[counted.hidden.any(axis=1)]))
 
 
-def _sized(bench: Bench, rng: np.random.Generator, sizes: Sequence[float]) -> Iterator[Wave]:
-    for wave in waves(bench.t, len(bench.reach), rng):
-        for size in sizes:
-            yield Wave(wave.name, size * wave.u)
-
-
 def _fitting(bench: Bench, wave: Wave, beside: Beside | None) -> Try | None:
     """A try, made smaller while a rival leaves its range; None if it does at every size."""
-    for _ in range(HALVINGS + 1):
-        attempt = tried(bench, wave, beside)
+    for k in range(HALVINGS + 1):
+        attempt = tried(bench, replace(wave, u=0.5**k * wave.u), beside)
         if attempt is not None:
             return attempt
-        wave = replace(wave, u=0.5 * wave.u)
     return None
 
 
@@ -296,21 +288,16 @@ def tried(bench: Bench, wave: Wave, beside: Beside | None = None) -> Try | None:
         moved.append(bench.moved(r, u))
         if not bench.stays(moved[-1][0]):
             return None
-    states, readings = tuple(m[0] for m in moved), tuple(m[1] for m in moved)
+    states, readings = zip(*moved, strict=True)
     if len(rivals) == 1:
         (only,) = rivals
         errors = bench.errors(states[0], readings[0], u, only)
-        before = np.sqrt(np.diag(np.linalg.pinv(only.information, hermitian=True)) * bench.excess)
-        score = float(np.min(before / np.maximum(errors, 1e-300)))  # the number that gains least
+        score = float(np.min(bench.errors_now(only) / np.maximum(errors, 1e-300)))  # the number that gains least
         return Try(bench, wave.name, wave.u, u, score, errors, states, readings)
-    d = np.zeros((len(rivals), len(rivals)))
-    for a in range(len(rivals)):
-        for b in range(len(rivals)):
-            if a != b:
-                d[a, b] = bench.parts(states[a], readings[a], u, rivals[b])
-    hidden = None
-    if beside is not None:
-        hidden = beside.told(beside.missed(bench, states[0], readings[0], u), bench)
+    d = np.array(
+        [[0.0 if a is b else bench.parts(*at, u, b) for b in rivals] for a, at in zip(rivals, moved, strict=True)]
+    )
+    hidden = None if beside is None else beside.told(beside.missed(bench, *moved[0], u), bench)
     return Try(bench, wave.name, wave.u, u, float(bench.margins(d).min()), d, states, readings, hidden)
 
 
@@ -351,9 +338,7 @@ def waves(t: Floats, inputs: int, rng: np.random.Generator) -> Iterator[Wave]:
     """Every family on each input alone and, where there are several, on all of them together; t: (n,) s."""
     for name, shape in _shapes(t, rng):
         for j in range(inputs):
-            alone = np.zeros((len(t), inputs))
-            alone[:, j] = shape
-            yield Wave(name, alone)
+            yield Wave(name, np.outer(shape, np.arange(inputs) == j))
         if inputs > 1:
             shifts = [np.roll(shape, j * len(t) // inputs) for j in range(inputs)]
             yield Wave(f"{name}, all inputs", np.stack(shifts, axis=1))
@@ -400,7 +385,7 @@ def missed(best: Try, right: int, wrong: int) -> Floats:
     """
     problem, x0 = best.bench.recorded(best.states[right], best.readings[right], best.u, whole=True)
     other = best.bench.rivals[wrong]
-    ends = fit(problem, other.theta, x0, other.slots, dict(zip(other.slots, other.steps, strict=True)))
+    ends = fit(problem, other.theta, x0, [*other.steps], other.steps)
     left = np.full_like(best.readings[right], np.nan)
     left[problem.samples] = problem.residuals(ends.theta, ends.x0) / np.sqrt(best.bench.excess)
     return left

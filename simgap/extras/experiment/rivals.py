@@ -44,15 +44,14 @@ class Rival:
     """An explanation, fitted to the recordings at hand.
 
     Attributes:
-        label: what people read; theta: all parameters; slots: the free ones, with difference steps.
+        label: what people read; theta: all parameters; steps: slots of the free ones, with their difference steps.
         count: number of parameters, discrete choices included.
         information: (p, p) of the free ones, from the recordings at hand.
     """
 
     label: str
     theta: Floats
-    slots: tuple[int, ...]
-    steps: tuple[float, ...]
+    steps: Mapping[int, float]
     count: int
     information: Floats
 
@@ -119,13 +118,19 @@ class Bench:
 
     def errors(self, states: Floats, readings: Floats, u: Floats, own: Rival) -> Floats:
         """(p,) standard errors of a rival's own parameters after such a recording, with those at hand."""
-        _, gram = self._linearised(states, readings, u, own)
+        return self._errors(self._linearised(states, readings, u, own)[1])
+
+    def errors_now(self, own: Rival) -> Floats:
+        """(p,) the same with the recordings at hand alone."""
+        return self._errors(own.information)
+
+    def _errors(self, gram: Floats) -> Floats:
         return np.asarray(np.sqrt(np.diag(np.linalg.pinv(gram, hermitian=True)) * self.excess))
 
     def _linearised(self, states: Floats, readings: Floats, u: Floats, of: Rival) -> tuple[Linearised, Floats]:
         """The recording to come around a rival, and its normal matrix with what is at hand."""
         problem, x0 = self.recorded(states, readings, u)
-        directions = [slot_direction(problem, of.theta, k, h) for k, h in zip(of.slots, of.steps, strict=True)]
+        directions = [slot_direction(problem, of.theta, k, h) for k, h in of.steps.items()]
         linear = linearise(problem, of.theta, x0, directions)
         return linear, linear.gram + of.information
 
@@ -199,12 +204,10 @@ def library_names(sets: Sequence[Explained]) -> tuple[str, ...]:
 
 def translated(rival: Rival, effects: Explained, here: SuperModel, there: SuperModel) -> Rival:
     """The same explanation in another compiled model of the same plant."""
-    values: dict[int, float] = {}
-    places: dict[int, int] = {}
-    for own, other in zip(members(here, effects), members(there, effects), strict=True):
-        for k, new in zip(own.slots, other.slots, strict=True):
-            values[new], places[k] = float(rival.theta[k]), new
-    return replace(rival, theta=with_values(there.null, values), slots=tuple(places[k] for k in rival.slots))
+    pairs = zip(members(here, effects), members(there, effects), strict=True)
+    places = {k: new for own, other in pairs for k, new in zip(own.slots, other.slots, strict=True)}
+    theta = with_values(there.null, {new: float(rival.theta[k]) for k, new in places.items()})
+    return replace(rival, theta=theta, steps={places[k]: h for k, h in rival.steps.items()})
 
 
 def members(model: SuperModel, effects: Explained) -> tuple[Candidate, ...]:
@@ -222,18 +225,11 @@ def members(model: SuperModel, effects: Explained) -> tuple[Candidate, ...]:
     return tuple(model.find(a.name, a.on) for a in effects)
 
 
-def label(model: SuperModel, effects: Explained) -> str:
-    """A set in words, without numbers."""
-    return joined([c.effect.phrase(c.on) for c in members(model, effects)]) if effects else "the model as declared"
-
-
 def _fitted(problem: Problem, effects: Explained) -> tuple[Rival, float]:
     """A set fitted to a problem, and its chi^2/dof."""
     model = problem.model
     chosen = members(model, effects)
-    values: dict[int, float] = {}
-    for c, a in zip(chosen, effects, strict=True):
-        values |= c.by_slot(a.values)
+    values = {k: v for c, a in zip(chosen, effects, strict=True) for k, v in c.by_slot(a.values).items()}
     theta, x0 = with_values(model.null, values), initial_states(problem)
     slots = tuple(k for c in chosen for k in c.free)
     steps = choose_steps(problem, theta, x0, slots)
@@ -242,5 +238,5 @@ def _fitted(problem: Problem, effects: Explained) -> tuple[Rival, float]:
     directions = [slot_direction(problem, ends.theta, k, steps[k]) for k in slots]
     information = linearise(problem, ends.theta, ends.x0, directions).gram
     count = sum(len(c.slots) for c in chosen)
-    rival = Rival(label(model, effects), ends.theta, slots, tuple(steps.values()), count, information)
-    return rival, chi2_dof(problem, ends)
+    label = joined([c.effect.phrase(c.on) for c in chosen]) or "the model as declared"
+    return Rival(label, ends.theta, steps, count, information), chi2_dof(problem, ends)

@@ -74,12 +74,12 @@ def _at(gap: GapFunction, u: Floats, units: Mapping[str, str]) -> str:
 
 def followed_axis(gap: GapFunction, x: Floats, d: Floats) -> int:
     """The state along which means of samples (n,) at x (n, nx) differ most, none along which a translation holds."""
-    moving = [j for j in range(x.shape[1]) if j not in gap.domain.free]
-    spread = {}
-    for j in moving:
+
+    def spread(j: int) -> float:
         bins = _bins(gap, x, j)[1]
-        spread[j] = sum(float(np.count_nonzero(bins == k)) * d[bins == k].mean() ** 2 for k in np.unique(bins))
-    return max(moving, key=spread.__getitem__)
+        return sum(float(np.count_nonzero(bins == k)) * d[bins == k].mean() ** 2 for k in np.unique(bins))
+
+    return max((j for j in range(x.shape[1]) if j not in gap.domain.free), key=spread)
 
 
 def _bins(gap: GapFunction, x: Floats, j: int, count: int = 24) -> tuple[Floats, Any]:
