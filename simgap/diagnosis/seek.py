@@ -15,7 +15,7 @@ from simgap.diagnosis.result import DiagnosisSettings, Key
 from simgap.diagnosis.search.confidence import chi2_dof, independent_share
 from simgap.diagnosis.search.equivalence import rivals
 from simgap.diagnosis.search.explanations import Explanation, Search
-from simgap.diagnosis.search.fit import Fit, fit
+from simgap.diagnosis.search.fit import Fit, fit, states_fitted
 from simgap.diagnosis.search.noise_colour import noise_colour
 from simgap.diagnosis.search.scoring import list_starts
 from simgap.diagnosis.search.selection import (
@@ -30,7 +30,6 @@ from simgap.diagnosis.search.selection import (
 )
 from simgap.diagnosis.search.watch import Stopped, Watch
 from simgap.diagnosis.simulation.coarse import coarse
-from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.noise_law import Colour, usual_size
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
@@ -158,7 +157,7 @@ def looked_again(watch: Watch, look: Callable[[], Found | None]) -> Found | None
 def begun(problem: Problem, not_tried: Collection[Key], watch: Watch) -> tuple[Search, Fit]:
     """A search on the problem in which nothing was tried yet, and the model as declared."""
     sought = coarse(problem)
-    base = fit(sought, sought.model.null, initial_states(sought), [], {})
+    base = states_fitted(sought, sought.model.null)
     return Search(sought, list_starts(sought, not_tried), watch=watch), base
 
 
@@ -299,5 +298,5 @@ def _noise(under: Hypothesis) -> tuple[Floats, Colour] | None:
         return None
     known, at = under.parts.known, under.found.fit
     if under.search.problem is not known:
-        at = fit(known, at.theta, initial_states(known), [], {})
+        at = states_fitted(known, at.theta)
     return noise_colour(known, at.theta, at.x0)

@@ -21,9 +21,8 @@ from simgap.diagnosis.record.folds import Span, Windows, cut_at, merged
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import RecordingFault
 from simgap.diagnosis.search.explanations import Explanation, Search
-from simgap.diagnosis.search.fit import Fit, fit
+from simgap.diagnosis.search.fit import Fit, states_fitted
 from simgap.diagnosis.search.noise_colour import OWN, memory_left
-from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.noise_law import are_gross
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
@@ -59,7 +58,7 @@ def pushes(held: Problem, theta: Floats) -> tuple[Span, ...]:
     spans: tuple[Span, ...] = ()
     for _ in range(2):
         part = replace(held.on(cut_at(held.windows, held.t, spans)), usual=held.sigma)
-        spans = gross_spans(part, fit(part, theta, initial_states(part), [], {})) or spans
+        spans = gross_spans(part, states_fitted(part, theta)) or spans
     w = held.windows
     whole = around(spans, held)
     few = sum(b - a for _, a, b in whole) <= A_FEW * float(np.sum(held.t[w.stop - 1] - held.t[w.start]))

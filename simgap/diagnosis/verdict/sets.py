@@ -240,17 +240,17 @@ def transferable(
     steady = [k for k, e in enumerate(pool, 1) if folds_agree(search.problem, e, search.steps, worth)]
     sets = [wider.empty(base), *pool]
     counts, bic, among = [e.count for e in sets], [e.bic for e in sets], steady or range(1, len(sets))
-    doubts = [(not plausible(e), sum(c.effect.kind == "state" for c in e.members)) for e in sets]
-    first, *others = preferred_of(densities, counts, bic, among, doubts)
+    ranks = [(not plausible(e), sum(c.effect.kind == "state" for c in e.members)) for e in sets]
+    first, *others = preferred_of(densities, counts, bic, among, ranks)
     rivals = [sets[k] for k in others if steady and plausible(sets[k]) and not sets[first].keys < sets[k].keys]
-    predicted = density_of_choice(densities, counts, bic, among, doubts)
+    predicted = density_of_choice(densities, counts, bic, among, ranks)
     whole = replace(wider, limit=math.inf, ends=search.ends, tried=wider.finished())
     return Carried(whole, sets[first], tuple(rivals), bool(steady), densities[0], predicted)
 
 
 def density_of_choice(
     densities: Sequence[Floats], counts: Sequence[int], bic: Sequence[float], among: Sequence[int],
-    doubts: Sequence[tuple[bool, int]],
+    ranks: Sequence[tuple[bool, int]],
 ) -> Floats:  # fmt: skip
     """Log density (b,) in each block of the set that the rest of them prefers: blocks that choose a set flatter it.
 
@@ -260,14 +260,14 @@ def density_of_choice(
     among = [k for k in among if np.isfinite(whole[k]).all()] or among
     out = np.empty(whole.shape[1])
     for own in np.array_split(np.arange(len(out)), min(_PARTS, len(out))):
-        first = preferred_of(list(np.delete(whole, own, axis=1)), counts, bic, among, doubts)[0]
+        first = preferred_of(list(np.delete(whole, own, axis=1)), counts, bic, among, ranks)[0]
         out[own] = whole[first, own]
     return out
 
 
 def preferred_of(
     densities: Sequence[Floats], counts: Sequence[int], bic: Sequence[float], among: Sequence[int],
-    doubts: Sequence[tuple[bool, int]],
+    ranks: Sequence[tuple[bool, int]],
 ) -> list[int]:  # fmt: skip
     """Numbers of the sets that cannot be told from the one that predicts best, the smallest and best of them first.
 
@@ -277,7 +277,7 @@ def preferred_of(
 
     Args:
         densities: (b,) log density in each block; counts: parameters, bic: of each set; among: what may be chosen.
-        doubts: whether a ratio is beyond belief: such sets come last; and how many members act on a sensor: of sets as
+        ranks: whether a ratio is beyond belief: such sets come last; and how many members act on a sensor: of sets as
             small the one that does with fewer comes first, as a sensor off its zero imitates what bends little.
     """
     known = [len(d) > 1 and bool(np.isfinite(d).all()) for d in densities]
@@ -288,7 +288,7 @@ def preferred_of(
     ]
     best = max(among, key=lambda k: (means[k], -bic[k]))
     level = [k for k in among if bic[k] <= bic[best] + BIC_GAIN and not gained(densities[k], densities[best]).sure]
-    return sorted(level, key=lambda k: (doubts[k][0], counts[k], doubts[k][1], -means[k]))
+    return sorted(level, key=lambda k: (ranks[k][0], counts[k], ranks[k][1], -means[k]))
 
 
 def density(e: Explanation, parts: Sequence[Trial], h: float, steps: dict[int, float]) -> Floats:
