@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -18,7 +19,7 @@ from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.search.scoring import column, small_amplitude
 from simgap.diagnosis.simulation.problem import Memo, Problem
 from simgap.diagnosis.simulation.sensitivity import Direction, linearise, promised, slot_direction
-from simgap.diagnosis.thresholds import FEWEST_WINDOWS, FIT_QUALITY, MATTERS, MOST
+from simgap.diagnosis.thresholds import BIC_GAIN, FEWEST_WINDOWS, FIT_QUALITY, MATTERS, MOST
 from simgap.effects import EFFECTS
 from simgap.errors import UserError
 from simgap.notation import joined
@@ -183,32 +184,37 @@ def change_promised(search: Search, found: Explanation) -> Change | None:
     linear = linearise(problem, at.theta, at.x0, [*own, *_others(search, found)])
     grams, gradients = linear.window_gram[order], linear.window_gradient[order]
     windows, trace = np.arange(count), problem.windows.trace[order]
-    least, place, which, promise = math.inf, (0, 0), 0, 0.0
     plain = [_gain(grams, gradients, len(own), j, []) for j in range(linear.gram.shape[0])]
-    last = count - FEWEST_WINDOWS
+    last, cost = count - FEWEST_WINDOWS, math.log(problem.size)  # what a number costs
     within = [(k, k + 1) for k in range(FEWEST_WINDOWS, last)]
     between = [(k, k) for k in range(FEWEST_WINDOWS, last + 1) if trace[k - 1] != trace[k]]
-    for j, without in enumerate(plain):
-        for k, after in (*within, *between):
-            steps = [windows >= after, *([windows == k] if after > k else [])]
-            gain = _gain(grams, gradients, len(own), j, steps) - without
-            left = (at.chi2 - gain) / (MOST if after > k else 1.0)  # a window by itself has to take most away
-            if left < least:
-                least, place, which, promise = left, (k, after), j, gain
-    if promise < MOST * excess:
+
+    def gain(j: int, steps: list[Floats | Bools]) -> float:
+        return _gain(grams, gradients, len(own), j, steps) - plain[j] - cost * len(steps)
+
+    gains = {
+        (j, k, after): gain(j, [windows >= after, *([windows == k] if after > k else [])])
+        for j in range(len(plain)) for k, after in (*within, *between)
+    }  # fmt: skip
+    (which, first, after), most = max(gains.items(), key=operator.itemgetter(1), default=((0, 0, 0), 0.0))
+    if most < MOST * excess or any(gain(which, [r]) >= most for r in _ramps(count)):  # or it went slowly
         return None
-    if any(_gain(grams, gradients, len(own), which, [r]) - plain[which] >= promise for r in _ramps(count)):
-        return None  # it went slowly
-    return _between(problem, *(int(k) for k in order[[place[0] - 1, place[0], place[1]]]))
+    if after > first:
+        near = [(k, end) for (j, k, end), g in gains.items() if j == which and end > k and g > most - BIC_GAIN]
+        own_trace = [(k, end) for k, end in near if trace[k] == trace[first]]
+        first, after = min(k for k, _ in own_trace), max(end for _, end in own_trace)
+    return _between(problem, *(int(k) for k in order[[first - 1, first, after]]))
 
 
-def _between(problem: Problem, before: int, within: int, after: int) -> Change:
+def _between(problem: Problem, before: int, first: int, after: int) -> Change:
     """From the end of a window to the begin of another, as far as they are in the trace of the one that it is in."""
     w, t = problem.windows, problem.t
-    trace = w.trace[within]
-    begin = t[w.stop[before] - 1] if w.trace[before] == trace else t[w.start[within]]
-    end = t[w.start[after]] if w.trace[after] == trace else t[w.stop[within] - 1]
-    return Change(int(trace), float(begin), float(end if after != within or w.trace[before] == trace else begin))
+    trace = int(w.trace[first])
+    begin = float(t[w.stop[before] - 1] if w.trace[before] == trace else t[w.start[first]])
+    if after == first:
+        return Change(trace, begin, begin)
+    inside = problem.edges[trace + 1] - 1 if w.trace[after] != trace else w.start[after]
+    return Change(trace, begin, float(t[inside]))
 
 
 def _others(search: Search, found: Explanation) -> list[Direction]:
