@@ -239,7 +239,8 @@ class MeasuredSection(Section):
     """Length of the windows that are simulated in the fit, in seconds: about what the plant takes to answer its input.
     1 s suits most machines; give a slow plant (tanks, heat) more, so that what it lacks shows above the noise."""
     horizon_s: float = Field(0.5, gt=0)
-    """How far ahead of the causal initial state the error E(h) is reported, in seconds."""
+    """How far ahead of the causal initial state the error E(h) is reported, in seconds. Where nothing explains the data
+    down to their noise, sets of effects compete by that error: take what the controller looks ahead."""
     noise: dict[str, Positive] = Field(default_factory=dict)
     """Standard deviation of a channel's noise, in the unit of the state, where it is known; estimated from the data
     elsewhere."""

@@ -168,7 +168,10 @@ def _warnings(held: HeldOut, kept: Explanation, horizon_s: float) -> Iterator[st
             "noise with heavy tails, or bad readings."
         )
     if horizon_s > 0 and held.horizon is None:
-        yield "No stretch of the confirming data is as long as the horizon: the errors are within windows."
+        yield (
+            "No stretch of the confirming data is as long as the horizon and the time from which its start is "
+            "estimated: the errors are within windows."
+        )
 
 
 def nearest(chosen: Chosen, found: Explanation, evidence: Evidence) -> Nearest | None:

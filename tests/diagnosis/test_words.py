@@ -56,13 +56,19 @@ FRICTION = effect("coulomb_friction", "hinge", F_c=(0.19, 0.01, "N*m"))
 MASS = effect("parameter_error", "rod.mass", [[{"name": "input_gain", "on": "torque"}]], ratio=(0.75, 0.001, "1"))
 
 
+def _errors(size):
+    return {"horizon_s": 0.2, "horizon_rmse": {"q": size}, "fit_rmse": {"q": 0.5 * size}}
+
+
+ERROR = {"before": _errors(0.05), "after": _errors(0.02), "noise_floor": _errors(0.005)}
+
+
 def document(verdict, effects, **more):
-    error = {"horizon_s": 0.2, "horizon_rmse": {"q": 0.02}, "fit_rmse": {"q": 0.01}}
     return {
         "verdict": verdict,
         "effects": effects,
         "explained_share": 0.84,
-        "error": {"before": error, "after": error, "noise_floor": error},
+        "error": ERROR,
         "candidates": effects,
         "warnings": [],
         "units": {"q": "rad"},
@@ -249,6 +255,8 @@ def test_sentences():
     partial = said(document("partial", [FRICTION], remainder=None))
     assert "An error of 0.02 rad in q is left 0.2 s ahead for which no explanation in the library was found" in partial
     assert "gamma" not in partial
+    loud = {**ERROR, "noise_floor": _errors(0.02)}
+    assert "is no larger than the noise of the readings" in said(document("partial", [FRICTION], error=loud))
     assert "no effect is missing" in said(document("none", []))
     nothing = said(document("unexplained", [], candidates=[FRICTION]))
     assert nothing.startswith("No effect of the library explains the difference between model and data. Look for ")
@@ -258,13 +266,12 @@ def test_sentences():
 def test_the_limit_on_the_number_of_effects_is_no_end_of_the_library():
     size = {"value": 0.2, "ci95": [0.19, 0.21], "unit": "N*m"}
     effect = {"name": "coulomb_friction", "on": "hinge", "parameters": {"F_c": size}}
-    error = {"after": {"horizon_s": 0.2, "horizon_rmse": {"q": 0.02}}}
-    document = {"verdict": "partial", "effects": [effect], "explained_share": 0.6, "error": error, "left_over": [],
+    document = {"verdict": "partial", "effects": [effect], "explained_share": 0.6, "error": ERROR, "left_over": [],
                 "units": {"q": "rad"}, "at_most": 1}  # fmt: skip
     assert "with 1 effects, as many as were sought: allow more by measured.max_effects" in said(document)
     assert "nothing in the library" not in said(document)
     nearest = {"effects": [effect], "explained_share": 0.3, "reasons": ["it explains less than half"]}
-    text = said({"verdict": "unexplained", "effects": [], "nearest": nearest, "at_most": 3, "error": error})
+    text = said({"verdict": "unexplained", "effects": [], "nearest": nearest, "at_most": 3, "error": ERROR})
     assert "Allow more than 3 effects (measured.max_effects), or look" in text
 
 
@@ -272,8 +279,7 @@ def test_the_limit_on_the_number_of_effects_is_no_end_of_the_library():
 def test_what_else_would_help_is_said_however_many_there_are(count):
     """One alone ended the stage with a traceback, on a recording of a real pendulum."""
     over = [{**FRICTION, "share": 0.3}, {**MASS, "share": 0.2}, {**FRICTION, "on": "elbow", "share": 0.1}][:count]
-    error = {"after": {"horizon_s": 0.2, "horizon_rmse": {"q": 0.02}}}
-    document = {"verdict": "partial", "effects": [MASS], "explained_share": 0.6, "error": error, "left_over": over,
+    document = {"verdict": "partial", "effects": [MASS], "explained_share": 0.6, "error": ERROR, "left_over": over,
                 "units": {"q": "rad"}}  # fmt: skip
     text = said(document)
     assert "would remove 30 % of it" in text
@@ -281,7 +287,6 @@ def test_what_else_would_help_is_said_however_many_there_are(count):
     assert ("(or " in text) == (count > 1)
 
 
-ERROR = {"before": {}, "after": {"horizon_s": 0.2, "horizon_rmse": {"q": 0.02}}}
 TOO_MUCH = {"fault": "hum", "channel": "q", "sentence": "A hum of 50 Hz was taken out of q."}
 AT = {"from": 1.0, "to": 1.2, "trace": "run"}
 CHOICES = {

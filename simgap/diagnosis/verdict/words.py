@@ -115,12 +115,18 @@ def _remainder(document: Document) -> str:
         return (
             f"All data are predicted down to their noise, but that does not settle it. {' '.join(document['doubts'])}"
         )
-    error = document["error"]["after"]
-    sizes = joined([f"{x:.2g}{_of(document, s)}" for s, x in (error["horizon_rmse"] or error["fit_rmse"]).items()])
+    error, noise = document["error"]["after"], document["error"]["noise_floor"]
+    kind = "horizon_rmse" if error["horizon_rmse"] else "fit_rmse"
+    sizes = joined([f"{x:.2g}{_of(document, s)}" for s, x in error[kind].items()])
+    over, stopped = document.get("left_over", ()), document.get("stopped")
+    if over is not None and not stopped and all(x <= noise[kind].get(s, 0.0) for s, x in error[kind].items()):
+        return (
+            f"What is left{_ahead(error)}, {sizes}, is no larger than the noise of the readings; but within the fitted "
+            "windows it is no white noise, which keeps this from being sure."
+        )
     covered = _covered(document.get("remainder"))
     left = f"An error of {sizes} is left{_ahead(error)}"
-    over = document.get("left_over", ())
-    if document.get("stopped"):
+    if stopped:
         why = ""
     elif over is None:
         why = " on the data that confirm, while the fitted ones are down to their noise: look for what changed"
