@@ -188,7 +188,7 @@ class Search:
 
     def sound(self, size: int | None = None) -> list[Explanation]:
         """Physical sets that were fitted, of so many effects or of one at least, lowest BIC first."""
-        own = [e for e in self.tried.values() if e.physical and (len(e.members) == size if size else e.members)]
+        own = [e for e in self.tried.values() if e.physical and (e.members if size is None else len(e.members) == size)]
         return sorted(own, key=lambda e: e.bic)
 
     def _best(self) -> str:

@@ -375,7 +375,8 @@ def _best_of_size(search: Search, size: int, most: int) -> list[Explanation]:
 
 def _sources(search: Search, base: Fit, size: int) -> list[Explanation]:
     """The best smaller sets, those that lack one effect and more."""
-    smaller = [e for less in range(1, LEAPS_ANYHOW + 1) for e in _best_of_size(search, size - less, NARROW)]
+    fewest = max(1, size - LEAPS_ANYHOW)
+    smaller = [e for own in range(size - 1, fewest - 1, -1) for e in _best_of_size(search, own, NARROW)]
     return [search.empty(base), *smaller] if size <= LEAPS_ANYHOW else smaller
 
 
