@@ -14,8 +14,9 @@ from statistics import NormalDist
 
 BIC_GAIN = 12.0
 """An effect is added, or kept, only if BIC falls by at least this much; of sets within it the one with fewest
-parameters is chosen and the others are listed, as they can hardly be told from it. Without its best window an answer at
-the noise is better by as much than others there. Very strong evidence begins at 10 (Kass, Raftery (1995), J. Am. Stat.
+parameters is chosen and the others are listed, as they can hardly be told from it. Windows that promise within so much
+of the best may hold a change in mid-record. Without its best window an answer at the noise is better by as much than
+others there. Very strong evidence begins at 10 (Kass, Raftery (1995), J. Am. Stat.
 Assoc. 90(430))."""
 
 AS_GOOD = 2.0
@@ -36,10 +37,10 @@ SELDOM = 1e-3
 little, gravity is a spring."""
 
 BY_CHANCE = 1e-6
-"""What noise does more seldom is no noise, where many numbers are looked at: a piece of a record that stands out,
-misses that remember or that follow the input. Of backlash that was taken for noise (benchmarks/undeclared.py, seeds
-1001, 1002, 1004) the regression's F was 8 to 9, of noise of three laws on three plants 0.4 to 1.2
-(benchmarks/noise_colours.py); the limit is about 3."""
+"""What noise does more seldom is no noise, where many numbers are looked at: a piece of a record that stands out, a run
+of equal readings, misses that remember or that follow the input. Of backlash that was taken for noise
+(benchmarks/undeclared.py, seeds 1001, 1002, 1004) the regression's F was 8 to 9, of noise of three laws on three plants
+0.4 to 1.2 (benchmarks/noise_colours.py); the limit is about 3."""
 
 TAILS = 4.0
 """Degrees of freedom of Student's t, by which errors ahead are scored and the usual size of a miss is estimated
@@ -72,26 +73,29 @@ taken for 7 % too small makes as much by itself."""
 MOST = 0.5
 """Most of a thing is more than half: of what the best answer leaves above the noise, where another tier of effects, a
 change in mid-record or a mask is to explain it; of an error in one place; of a coefficient, where folds are to agree;
-of what an effect is worth, where another is to stand for it; of a noise, where it is to remember; of a column, where
-another is its derivative or takes its place; of readings at one extreme, which is then no limit of a sensor; of samples
-outside the ranges of a case. Two things are alike up to this ratio: units that are taken for each
-other differ by more, and motion on both sides of a change in mid-record has to be. Friction with memory takes nearly
-all where it is, a wrong first window makes chi^2/dof fall twentyfold, sensors that remember show .78 and more,
-mechanisms that were taken for them .26 to .46. Of swapped records on seven plants (benchmarks/recording_faults.py)
-0.02 to 0.18 of a velocity was not the derivative; the wrong way round its scale is negative."""
+of a noise, where it is to remember; of what one effect leaves, where two are looked for ahead; of a column, where
+another is its derivative or takes its place, or where noise alone moves it; of readings at one extreme, which is then
+no limit of a sensor; of samples outside the ranges of a case. Two things are alike up to this ratio: units that are
+taken for each other differ by more, and motion on both sides of a change in mid-record has to be. Friction with memory
+takes nearly all where it is, a wrong first window makes chi^2/dof fall twentyfold, sensors that remember show .78 and
+more, mechanisms that were taken for them .26 to .46. Of swapped records on seven plants
+(benchmarks/recording_faults.py) 0.02 to 0.18 of a velocity was not the derivative; the wrong way round its scale is
+negative."""
 
 MATTERS = 0.1
 """What is a smaller share matters to nobody: of an error (of its square, the square of it), of the noise that an effect
-adds to the misses, of an excess that is explained but for it, of a step's error, of a time at rest. Half the
-integration step must not move the predictions of a fit by more of its misses: a Dahl friction that turned round within
-a thirtieth of what a step travels "explained" a push, being as large as its misses there. Readings 20 ms late accounted
-for 4 % of the squared error and more. White noise that is a smaller share of what is left (chi^2/dof above 10) says
-nothing of a noise that remembers: noise of 20 ms at 200 Hz shows 7; what a driven pendulum of real hardware keeps shows
-46, and taken for noise it hid the friction."""
+adds to the misses, of an excess that is explained but for it, of a step's error, of a time at rest; of what is read,
+the part that inputs make or a filter hides; of an input, the part at the frequency of a hum. Half the integration step
+must not move the predictions of a fit by more of its misses: a Dahl friction that turned round within a thirtieth of
+what a step travels "explained" a push, being as large as its misses there. Readings 20 ms late accounted for 4 % of the
+squared error and more. White noise that is a smaller share of what is left (chi^2/dof above 10) says nothing of a noise
+that remembers: noise of 20 ms at 200 Hz shows 7; what a driven pendulum of real hardware keeps shows 46, and taken for
+noise it hid the friction."""
 
 A_FEW = 0.05
-"""A small part: of the readings (spikes, gross errors), of the predictions that carry most of the error, of the samples
-at an extreme. The largest 5 % of a Gaussian's draws carry 28 % of the square, of a sine's 10 %."""
+"""A small part: of the readings (spikes, gross errors), of the time that confirms (pushes), of the predictions that
+carry most of the error, of the samples at an extreme. The largest 5 % of a Gaussian's draws carry 28 % of the square,
+of a sine's 10 %."""
 
 OUT_OF_SIGHT = 100.0
 """A hundredfold: columns under which the declared model misses by so much more are not tried further, and those with
