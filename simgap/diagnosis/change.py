@@ -17,6 +17,7 @@ from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.search.scoring import column, small_amplitude
+from simgap.diagnosis.search.selection import taken_over
 from simgap.diagnosis.simulation.problem import Memo, Problem
 from simgap.diagnosis.simulation.sensitivity import Direction, linearise, promised, slot_direction
 from simgap.diagnosis.thresholds import BIC_GAIN, FEWEST_WINDOWS, FIT_QUALITY, MATTERS, MOST
@@ -26,7 +27,7 @@ from simgap.notation import joined
 
 _RAMP_ENDS = 13  # instants, evenly spread, at which a slow change may begin and end: twelfths of a record
 
-Answer = Callable[[Record, DiagnosisSettings], Diagnosis | None]
+Answer = Callable[[Record, DiagnosisSettings], tuple[Diagnosis, Explanation] | None]
 
 
 def sides_apart(
@@ -34,13 +35,14 @@ def sides_apart(
 ) -> Diagnosis | None:
     """The answer for the longer side of a change, with the change among the faults of the recording.
 
-    None where no change promises much, where a side by itself is not down to its noise, or the sides differ in no
-    number or in what they name.
+    None where no change promises much, where a side by itself is not down to its noise, where the sides differ in no
+    number or in what they name, or where one number each explains the whole: what the plant lacks may act on one side
+    alone.
 
     Args:
         record: the data; settings: of the diagnosis.
         search, found: on the whole record, off the noise.
-        answer: diagnoses a part of the record; None where its search ends above the noise.
+        answer: diagnoses a part of the record, and what was found there; None where its search ends above the noise.
     """
     if search.watch.stopped or chi2_dof(search.problem, found.fit) <= FIT_QUALITY:
         return None
@@ -51,22 +53,32 @@ def sides_apart(
     if before is None or after is None or not _alike(before, after, _is_driven(search.problem, found.fit)):
         return None
 
-    def whole(side: Record) -> Diagnosis | None:
+    def whole(side: Record) -> tuple[Diagnosis, Explanation] | None:
         """The answer for a side that is down to its noise, each effect asked for."""
-        d = answer(side, _for(side, settings))
-        return d if d is not None and d.verdict in ("none", "attributed") else None
+        told = answer(side, _for(side, settings))
+        return told if told is not None and told[0].verdict in ("none", "attributed") else None
 
-    long, short = (before, after) if before.rows >= after.rows else (after, before)
+    longer = before.rows >= after.rows
+    sides: list[tuple[Diagnosis, Explanation]] = []
     try:
-        main = whole(long)
-        other = None if main is None else whole(short)
+        for side in (before, after) if longer else (after, before):
+            told = whole(side)
+            if told is None:
+                return None
+            sides.append(told)
     except UserError:  # a side is too short for three folds
         return None
-    if main is None or other is None:
+    if any(_explains(search, found, own) for _, own in sides):
         return None
-    sides = (main, other) if long is before else (other, main)
-    fault = _fault(change, record, sides, "before" if long is before else "after")
+    main, other = (d for d, _ in sides)
+    fault = _fault(change, record, (main, other) if longer else (other, main), "before" if longer else "after")
     return None if fault is None else replace(main, recording=(*main.recording, fault))
+
+
+def _explains(search: Search, found: Explanation, own: Explanation) -> bool:
+    """Whether what was found on a side explains the whole, or is not tried on it."""
+    here = taken_over(search, found.fit, own)
+    return here.keys != own.keys or search.reached(here)
 
 
 def _is_driven(problem: Problem, at: Fit) -> bool:

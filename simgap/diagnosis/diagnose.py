@@ -19,6 +19,7 @@ from simgap.diagnosis.record.noise import resolution
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, RecordingFault
 from simgap.diagnosis.search.columns import better_columns
+from simgap.diagnosis.search.explanations import Explanation
 from simgap.diagnosis.search.scoring import barred
 from simgap.diagnosis.search.selection import best_so_far, leap_from_beginnings
 from simgap.diagnosis.search.watch import Watch, answered
@@ -284,9 +285,9 @@ def ready(model: SymbolicModel, record: Record, settings: DiagnosisSettings) -> 
 def _part_by(model: SymbolicModel, tell: Callable[[str], None]) -> Answer:
     """Diagnoses a part of the record; only where it comes down to its noise."""
 
-    def answer(part: Record, settings: DiagnosisSettings) -> Diagnosis | None:
+    def answer(part: Record, settings: DiagnosisSettings) -> tuple[Diagnosis, Explanation] | None:
         own = ready(model, part, settings)[0]
         sought = _sought(own, _singles(model, own, settings, Watch(tell=tell)))
-        return _concluded(sought) if sought.under.reached else None
+        return (_concluded(sought), sought.under.found) if sought.under.reached else None
 
     return answer

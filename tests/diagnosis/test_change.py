@@ -158,6 +158,31 @@ def test_damping_that_grows_with_the_swing_is_no_change_between_large_and_small_
     assert (d.verdict, _changes(d)) == ("unexplained", [])
 
 
+def test_an_effect_that_acts_on_one_side_alone_is_no_change():
+    """Dry friction and a hard spring all the time; about another place, from 15 s on, the spring alone is felt."""
+    dt, seconds = 0.01, 24.0
+    rng, t = np.random.default_rng(5), np.arange(0.0, seconds, dt)
+    hz, phase = rng.uniform(1.0, 4.0, 6), rng.uniform(0.0, 2.0 * np.pi, 6)
+    u = 1.6 * np.sin(2.0 * np.pi * np.outer(t, hz) + phase).sum(axis=1) + np.where(t < 15.0, 0.0, 2.7)
+
+    def rate(x, force):  # m v' = u - d v - k q, as declared, and what is hidden
+        q, v = x
+        return np.array([v, (force - 0.4 * v - 20.0 * q - 0.5 * np.tanh(v / 1e-3) - 20.0 * q**3) / 1.5])
+
+    x, read, h = np.zeros(2), [], dt / 10
+    for force in u:
+        read.append(x[0])
+        for _ in range(10):
+            a = rate(x, force)
+            b = rate(x + h / 2 * a, force)
+            c = rate(x + h / 2 * b, force)
+            x = x + h / 6 * (a + 2 * b + 2 * c + rate(x + h * c, force))
+    y = np.array(read)[:, None] + 5e-4 * rng.standard_normal((len(t), 1))
+    d = diagnose(nominal("oscillator"), Record((Trace("run1", t, y, u[:, None]),), ("q",), ("u",)))
+    assert not _changes(d)
+    assert {e.name for e in d.effects} == {"coulomb_friction", "cubic_spring"}
+
+
 def test_a_force_outside_the_library_is_no_change():
     pushes = tuple((0, 1.0 + 2 * j, 2.0 + 2 * j, "slide", 3.0) for j in range(11))
     d = _diagnosed(oscillator(), Hidden(pushes=pushes))
