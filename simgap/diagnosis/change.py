@@ -72,7 +72,13 @@ def sides_apart(
         return None
     main, other = (d for d, _ in sides)
     fault = _fault(change, record, (main, other) if longer else (other, main), "before" if longer else "after")
-    return None if fault is None else replace(main, recording=(*main.recording, fault))
+    if fault is None:
+        return None
+    changed, away = replace(main, recording=(*main.recording, fault)), _elsewhere(before, after)
+    if not away:
+        return changed
+    why = f"Before the change and after it {joined(away)} had other values: what depends on these would look like it."
+    return replace(changed, verdict="partial", doubts=(*main.doubts, why)) if main.effects else None
 
 
 def _explains(search: Search, found: Explanation, own: Explanation) -> bool:
@@ -111,6 +117,15 @@ def _alike(before: Record, after: Record, driven: bool) -> bool:
     return bool(all(alike) and np.all(apart <= np.maximum(*pairs[0])))
 
 
+def _elsewhere(before: Record, after: Record) -> tuple[str, ...]:
+    """Channels of which most readings of either side lie beyond all of the other's: none were where the others are."""
+    first, second = (np.concatenate([trace.y for trace in side.traces]) for side in (before, after))
+    within = [
+        np.mean((a >= b.min(axis=0)) & (a <= b.max(axis=0)), axis=0) for a, b in ((first, second), (second, first))
+    ]
+    return tuple(name for name, met in zip(before.measured, np.maximum(*within), strict=True) if met < MOST)
+
+
 def _for(part: Record, settings: DiagnosisSettings) -> DiagnosisSettings:
     """The settings for a part: traces that are held out if it has some of them and others."""
     names = {trace.name for trace in part.traces}
@@ -139,14 +154,15 @@ def _fault(change: Change, record: Record, sides: tuple[Diagnosis, Diagnosis], a
     if not keys:
         return None
     then, now = (joined([_said(side.get(k), k) for k in keys]) for side in (first, second))
-    name = record.traces[change.trace].name
-    if change.begin == change.end:
-        when, at = f"Before {name}", change.begin
-    else:
-        when, at = f"Between {change.begin:.4g} and {change.end:.4g} s of {name}", 0.5 * (change.begin + change.end)
+    own, lasts = record.traces[change.trace], change.end - change.begin
+    when = f"Between {change.begin:.4g} and {change.end:.4g} s of {own.name}"
+    if change.begin <= own.t[0]:
+        when = f"Before {own.name}{f' or in its first {lasts:.3g} s' if lasts > 0.0 else ''}"
+    elif change.end >= own.t[-1]:
+        when = f"In the last {lasts:.3g} s of {own.name} or after it"
     same = _by_other_names(sides[0 if about == "before" else 1], keys)
     sentence = f"{when} the plant changed: {then} before, {now} after{same}; the answer is about what came {about}."
-    return PlantChanged().told("", at, sentence)
+    return PlantChanged().told("", 0.5 * (change.begin + change.end), sentence)
 
 
 def _differs(a: FoundEffect | None, b: FoundEffect | None, name: str) -> bool:
@@ -212,7 +228,8 @@ def change_promised(search: Search, found: Explanation) -> Change | None:
     if most < MOST * excess or any(gain(which, [r]) >= most for r in _ramps(count)):  # or it went slowly
         return None
     if after > first:
-        near = [(k, end) for (j, k, end), g in gains.items() if j == which and end > k and g > most - BIC_GAIN]
+        least = most - max(BIC_GAIN, MATTERS**2 * most)  # what is promised is linear
+        near = [(k, end) for (j, k, end), g in gains.items() if j == which and end > k and g > least]
         own_trace = [(k, end) for k, end in near if trace[k] == trace[first]]
         first, after = min(k for k, _ in own_trace), max(end for _, end in own_trace)
     return _between(problem, *(int(k) for k in order[[first - 1, first, after]]))
