@@ -110,11 +110,12 @@ def _diagnosed(
 
 def _apart(model: SymbolicModel, own: Ready, under: Hypothesis) -> Diagnosis | None:
     """The answer for one side of a change in mid-record."""
-    whole = looked_again(under.watch, under.of_everything)
-    if whole is None:
-        return None
-    answer = _part_by(model, under.watch.tell)
-    apart = sides_apart(own.record, under.settings, whole.search, whole.found, answer)
+
+    def look() -> Diagnosis | None:
+        whole = under.of_everything()
+        return sides_apart(own.record, under.settings, whole.search, whole.found, _part_by(model, under.watch))
+
+    apart = looked_again(under.watch, look)
     return None if apart is None else replace(apart, recording=(*own.faults, *apart.recording))
 
 
@@ -282,12 +283,13 @@ def ready(model: SymbolicModel, record: Record, settings: DiagnosisSettings) -> 
     return [other] if columns.sure else [own, other]
 
 
-def _part_by(model: SymbolicModel, tell: Callable[[str], None]) -> Answer:
-    """Diagnoses a part of the record; only where it comes down to its noise."""
+def _part_by(model: SymbolicModel, watch: Watch) -> Answer:
+    """Diagnoses a part of the record; only where it comes down to its noise, and nobody interrupts."""
 
     def answer(part: Record, settings: DiagnosisSettings) -> tuple[Diagnosis, Explanation] | None:
-        own = ready(model, part, settings)[0]
-        sought = _sought(own, _singles(model, own, settings, Watch(tell=tell)))
-        return (_concluded(sought), sought.under.found) if sought.under.reached else None
+        own, apart = ready(model, part, settings)[0], Watch(tell=watch.tell)
+        sought = _sought(own, _singles(model, own, settings, apart))
+        watch.stopped = apart.stopped
+        return (_concluded(sought), sought.under.found) if sought.under.reached and not apart.stopped else None
 
     return answer

@@ -11,6 +11,7 @@ from simgap.diagnosis import diagnose as diagnosing
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
+from simgap.diagnosis.search import watch as watching
 from tests.diagnosis.plants import point_pendulum
 from tests.undeclared.nominals import nominal, record
 from tests.undeclared.rig.textbook import Hidden, oscillator, pendulum
@@ -57,6 +58,34 @@ def test_a_change_within_a_window_is_told_to_that_window_before_sets_of_effects_
     hidden = Hidden(viscous={"slide": 0.3}, after=(0, instant), later=Hidden(viscous={"slide": 0.6}))
     (change,) = _changes(_diagnosed(oscillator(), hidden))
     assert change.value == pytest.approx(instant, abs=0.5 + 0.02)
+
+
+CHANGED = Hidden(viscous={"slide": 0.3}, after=(0, 13.5), later=Hidden(viscous={"slide": 0.6}))
+
+
+def test_a_change_is_told_under_a_budget(monkeypatch):
+    """The best so far is saved whenever it is another, in the midst of the question as well."""
+    monkeypatch.setattr(watching, "_SAVED_EVERY", 0.0)
+    made = record(oscillator(), CHANGED, 2, seconds=24.0, traces=1)
+    d = diagnose(nominal("oscillator"), made, DiagnosisSettings(effects=FEW, budget_s=60.0))
+    assert _changes(d)
+    assert not d.stopped
+
+
+@pytest.mark.parametrize("told", [1, 3, 6])
+def test_an_interrupt_in_the_midst_of_the_question_ends_the_search(told):
+    said = []
+
+    def interrupt(words):
+        said.append(words)
+        if len(said) == told:
+            raise KeyboardInterrupt
+
+    made = record(oscillator(), CHANGED, 2, seconds=24.0, traces=1)
+    d = diagnose(nominal("oscillator"), made, DiagnosisSettings(effects=FEW), interrupt)
+    assert len(said) >= told
+    assert "interrupted" in d.stopped
+    assert not _changes(d)
 
 
 def test_friction_that_nearly_stops_the_motion_is_told():
