@@ -74,11 +74,13 @@ def sides_apart(
     fault = _fault(change, record, (main, other) if longer else (other, main), "before" if longer else "after")
     if fault is None:
         return None
-    changed, away = replace(main, recording=(*main.recording, fault)), _elsewhere(before, after)
-    if not away:
-        return changed
-    why = f"Before the change and after it {joined(away)} had other values: what depends on these would look like it."
-    return replace(changed, verdict="partial", doubts=(*main.doubts, why)) if main.effects else None
+    changed, rows = replace(main, recording=(*main.recording, fault)), [_rows(side, "y") for side in (before, after)]
+    beyond = _beyond(*rows)
+    away = [name for name, moved in zip(record.measured, beyond | ~_like_size(*rows), strict=True) if moved]
+    if not main.effects:
+        return None if np.any(beyond) else changed
+    why = f"Before the change and after it {joined(away)} moved elsewhere: what depends on that would look like it."
+    return replace(changed, verdict="partial", doubts=(*main.doubts, why)) if away else changed
 
 
 def _explains(search: Search, found: Explanation, own: Explanation) -> bool:
@@ -104,26 +106,33 @@ def _alike(before: Record, after: Record, driven: bool) -> bool:
     """Whether both sides have inputs of like size and level, and move over like ranges if these do not drive them.
 
     If not, an effect that no number of the library describes acts differently in each, and the plant is the same.
-    Standard deviations, trace by trace together; a channel at rest in both is alike.
     """
-    u, y = ([[getattr(t, name) for t in side.traces] for side in (before, after)] for name in ("u", "y"))
-
-    def size(rows: Sequence[Floats]) -> Floats:
-        return np.asarray(np.sqrt(np.mean(np.concatenate([r - r.mean(axis=0) for r in rows]) ** 2, axis=0)))
-
-    pairs = [[size(rows) for rows in sides] for sides in ((u,) if driven else (u, y))]
-    alike = [np.all(MOST * np.maximum(*pair) <= np.minimum(*pair)) for pair in pairs]
+    u, y = ([_rows(side, name) for side in (before, after)] for name in ("u", "y"))
+    alike = [np.all(_like_size(*sides)) for sides in ((u,) if driven else (u, y))]
     apart = np.abs(np.subtract(*(np.concatenate(rows).mean(axis=0) for rows in u)))
-    return bool(all(alike) and np.all(apart <= np.maximum(*pairs[0])))
+    return bool(all(alike) and np.all(apart <= np.maximum(*map(_size, u))))
 
 
-def _elsewhere(before: Record, after: Record) -> tuple[str, ...]:
-    """Channels of which most readings of either side lie beyond all of the other's: none were where the others are."""
-    first, second = (np.concatenate([trace.y for trace in side.traces]) for side in (before, after))
-    within = [
-        np.mean((a >= b.min(axis=0)) & (a <= b.max(axis=0)), axis=0) for a, b in ((first, second), (second, first))
-    ]
-    return tuple(name for name, met in zip(before.measured, np.maximum(*within), strict=True) if met < MOST)
+def _rows(side: Record, name: str) -> list[Floats]:
+    return [getattr(trace, name) for trace in side.traces]
+
+
+def _size(rows: Sequence[Floats]) -> Floats:
+    """Standard deviation of each column, trace by trace together."""
+    return np.asarray(np.sqrt(np.mean(np.concatenate([r - r.mean(axis=0) for r in rows]) ** 2, axis=0)))
+
+
+def _like_size(before: Sequence[Floats], after: Sequence[Floats]) -> Bools:
+    """Columns that move alike on both sides; one at rest in both does."""
+    pair = _size(before), _size(after)
+    return np.asarray(MOST * np.maximum(*pair) <= np.minimum(*pair))
+
+
+def _beyond(before: Sequence[Floats], after: Sequence[Floats]) -> Bools:
+    """Columns of which most values of either side lie beyond all of the other's."""
+    a, b = map(np.concatenate, (before, after))
+    met = [np.mean((x >= y.min(axis=0)) & (x <= y.max(axis=0)), axis=0) for x, y in ((a, b), (b, a))]
+    return np.asarray(np.maximum(*met) < MOST)
 
 
 def _for(part: Record, settings: DiagnosisSettings) -> DiagnosisSettings:
@@ -160,7 +169,7 @@ def _fault(change: Change, record: Record, sides: tuple[Diagnosis, Diagnosis], a
         when = f"Before {own.name}{f' or in its first {lasts:.3g} s' if lasts > 0.0 else ''}"
     elif change.end >= own.t[-1]:
         when = f"In the last {lasts:.3g} s of {own.name} or after it"
-    same = _by_other_names(sides[0 if about == "before" else 1], keys)
+    same = next(filter(None, (_by_other_names(side, keys) for side in sides)), "")
     sentence = f"{when} the plant changed: {then} before, {now} after{same}; the answer is about what came {about}."
     return PlantChanged().told("", 0.5 * (change.begin + change.end), sentence)
 
