@@ -13,14 +13,13 @@ from simgap.arrays import Bools, Floats
 from simgap.diagnosis.record.faults.registry import PlantChanged
 from simgap.diagnosis.record.record import MIN_SAMPLES, Record
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, FoundEffect, RecordingFault
-from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.search.scoring import column, small_amplitude
 from simgap.diagnosis.search.selection import taken_over
 from simgap.diagnosis.simulation.problem import Memo, Problem
 from simgap.diagnosis.simulation.sensitivity import Direction, linearise, promised, slot_direction
-from simgap.diagnosis.thresholds import BIC_GAIN, FEWEST_WINDOWS, FIT_QUALITY, MATTERS, MOST
+from simgap.diagnosis.thresholds import BIC_GAIN, FEWEST_WINDOWS, MATTERS, MOST
 from simgap.effects import EFFECTS
 from simgap.errors import UserError
 from simgap.notation import joined
@@ -44,7 +43,7 @@ def sides_apart(
         search, found: on the whole record, off the noise.
         answer: diagnoses a part of the record, and what was found there; None where its search ends above the noise.
     """
-    if search.watch.stopped or chi2_dof(search.problem, found.fit) <= FIT_QUALITY:
+    if search.watch.stopped or search.reached(found):
         return None
     change = change_promised(search, found)
     if change is None:

@@ -8,14 +8,12 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 
 from simgap.arrays import Floats
-from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.equivalence import rivals
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, states_fitted
 from simgap.diagnosis.search.selection import by_place, fitted_here, taken_over
 from simgap.diagnosis.seek import Hypothesis, looked_again
 from simgap.diagnosis.simulation.parts import Parts
-from simgap.diagnosis.thresholds import FIT_QUALITY
 from simgap.diagnosis.verdict.sets import Carried, Trial, density, real, transferable, trials
 
 
@@ -83,7 +81,7 @@ def chosen(under: Hypothesis, judged: Parts, compete: bool = False) -> Chosen:
     full = search if search.problem is known else Search(known, search.starts)
     base = sparse if full is search else states_fitted(known, known.model.null)
     kept = found if full is search else fitted_here(full, base, found)
-    at_floor = chi2_dof(known, kept.fit) <= FIT_QUALITY and not compete
+    at_floor = full.reached(kept) and not compete
     together = math.ceil((horizon_s + 0.5 * judged.window_s) / judged.window_s)
     held = cache(partial(trials, known, judged.known.windows, together))
     carried = None

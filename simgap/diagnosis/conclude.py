@@ -13,14 +13,14 @@ from simgap.diagnosis.record.faults.registry import fitted_faults, gain_faults
 from simgap.diagnosis.record.folds import stretches
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, FoundEffect, Judged, Nearest, RecordingFault, Verdict
-from simgap.diagnosis.search.confidence import chi2_dof, independent_share
+from simgap.diagnosis.search.confidence import independent_share
 from simgap.diagnosis.search.equivalence import Rival, once, rivals
 from simgap.diagnosis.search.explanations import Explanation, Search, doubted
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.simulation.noise_law import LIMIT
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.thresholds import FIT_QUALITY, LEAPS_ANYHOW, MATTERS, PLAUSIBLE_RATIO, SELDOM
+from simgap.diagnosis.thresholds import LEAPS_ANYHOW, MATTERS, PLAUSIBLE_RATIO, SELDOM
 from simgap.diagnosis.verdict import answer
 from simgap.diagnosis.verdict.faults import extrapolated, faint_memory, noise_faults, push_faults, pushes
 from simgap.diagnosis.verdict.held_out import HeldOut, concentrated, excess_share, judge, judged, noise_floor
@@ -217,7 +217,7 @@ def confirmed(parts: Parts, chosen: Chosen, horizon_s: float) -> tuple[Parts, Ch
         parts = parts.confirmed_without(spans)
         evidence = _evidence(parts, chosen, horizon_s)
     if chosen.at_floor and not evidence.agree:
-        less = _steadier(parts.known, chosen.full, chosen.kept)
+        less = _steadier(chosen.full, chosen.kept)
         if less is not None or not chosen.search.watch.stopped:
             chosen = chosen.competing() if less is None else chosen.less(less)
         evidence = _evidence(parts, chosen, horizon_s)
@@ -236,7 +236,7 @@ def _evidence(parts: Parts, chosen: Chosen, horizon_s: float) -> Evidence:
         agree = folds_agree(known, found, full.steps, independent_share(known, found.fit))
     elif chosen.at_floor and (len(found.members) > LEAPS_ANYHOW or (found.members and not sure)):
         agree = folds_agree(known, found, full.steps, 1.0)
-    before, after = (chi2_dof(known, at) for at in (chosen.base, found.fit))
+    before, after = map(full.at_noise, (chosen.base, found.fit))
     here, carried = (old.errors.density(), new.errors.density()), chosen.carried
     chose = (np.zeros(0), np.zeros(0)) if carried is None else (carried.declared, carried.predicted)
     whole = gained(*(np.concatenate(each) for each in zip(chose, here, strict=True)))
@@ -250,7 +250,7 @@ def is_borne_out(declared: Errors, corrected: Errors) -> bool:
     return whole.matters and not any(loss.matters for loss in losses)
 
 
-def _steadier(known: Problem, search: Search, found: Explanation) -> Explanation | None:
+def _steadier(search: Search, found: Explanation) -> Explanation | None:
     """The best smaller set that still reaches the noise and on which halves agree; None if there is none.
 
     An effect that BIC adds for a small misfit (a drift of a position, where dry friction creeps before it slides) must
@@ -258,9 +258,9 @@ def _steadier(known: Problem, search: Search, found: Explanation) -> Explanation
     """
     while len(found.members) > 1:
         smaller = [search.without(found, c) for c in found.members]
-        near = sorted((e for e in smaller if e.physical and chi2_dof(known, e.fit) <= FIT_QUALITY), key=lambda e: e.bic)
+        near = sorted((e for e in smaller if e.physical and search.reached(e)), key=lambda e: e.bic)
         for e in near:
-            if folds_agree(known, e, search.steps, 1.0):
+            if folds_agree(search.problem, e, search.steps, 1.0):
                 return e
         if not near:
             return None
@@ -280,7 +280,7 @@ class Evidence:
     """What a verdict is made of.
 
     Attributes:
-        before, after: chi^2/dof of the fitted windows, of the declared and of the corrected model.
+        before, after: whether the fitted windows are down to their noise, by the declared and by the corrected model.
         declared, corrected: error on *confirm*; share: excess of the one over the other there.
         gain: what the corrected model predicts better, there and where sets competed.
         borne_out: whether that is of a size that matters there by itself, and no channel is predicted worse by as much.
@@ -288,8 +288,8 @@ class Evidence:
         needed: whether *confirm* asks for each effect.
     """
 
-    before: float
-    after: float
+    before: bool
+    after: bool
     declared: HeldOut
     corrected: HeldOut
     share: float
@@ -301,7 +301,7 @@ class Evidence:
     @property
     def at_noise(self) -> bool:
         """Whether the fitted data and those that confirm are down to their noise."""
-        return self.after <= FIT_QUALITY and self.corrected.at_noise
+        return self.after and self.corrected.at_noise
 
     def short_of(self, found: Explanation) -> tuple[str, ...]:
         """Why what is down to the noise is not surely it."""
@@ -320,7 +320,7 @@ def verdict(found: Explanation, evidence: Evidence) -> Verdict:
     alone explain the data down to their noise, the model lacks nothing; nor where it is at the noise as declared, and
     *confirm* does not ask for what was found.
     """
-    at_noise = evidence.before <= FIT_QUALITY and evidence.declared.at_noise
+    at_noise = evidence.before and evidence.declared.at_noise
     if not found.members or (at_noise and not evidence.needed):
         return "none" if at_noise else "unexplained"
     plant = any(not c.of_recording for c in found.members)
@@ -330,5 +330,5 @@ def verdict(found: Explanation, evidence: Evidence) -> Verdict:
     if not plant:
         return "unexplained"
     carries = evidence.gain.sure and evidence.borne_out and found.physical and evidence.agree
-    fits = evidence.after <= FIT_QUALITY or plausible(found)
+    fits = evidence.after or plausible(found)
     return "partial" if carries and fits else "unexplained"

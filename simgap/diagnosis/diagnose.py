@@ -112,7 +112,7 @@ def _apart(model: SymbolicModel, own: Ready, under: Hypothesis) -> Diagnosis | N
     """The answer for one side of a change in mid-record."""
 
     def look() -> Diagnosis | None:
-        whole = under.of_everything()
+        whole = under.of_everything(own.parts.every.windows)
         return sides_apart(own.record, under.settings, whole.search, whole.found, _part_by(model, under.watch))
 
     apart = looked_again(under.watch, look)

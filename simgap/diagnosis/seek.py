@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.diagnosis.record.folds import Span
+from simgap.diagnosis.record.folds import Span, Windows
 from simgap.diagnosis.result import DiagnosisSettings, Key
 from simgap.diagnosis.search.confidence import chi2_dof, independent_share
 from simgap.diagnosis.search.equivalence import rivals
@@ -85,7 +85,7 @@ class Hypothesis:
     @property
     def reached(self) -> bool:
         """Whether what was found is down to the noise."""
-        return self.left <= FIT_QUALITY
+        return self.search.reached(self.found)
 
     @property
     def acts_later(self) -> bool:
@@ -130,12 +130,17 @@ class Hypothesis:
         """What was found, on other folds."""
         return self.anew(parts).with_what(self.found, self.left)
 
-    def of_everything(self) -> Hypothesis:
-        """What was found, fitted to all windows, those that confirm among them; traces that are held out are not."""
+    def of_everything(self, windows: Windows) -> Hypothesis:
+        """What was found, fitted by least squares to windows of all folds: what follows a change is no gross error.
+
+        Traces that are held out stay so.
+        """
         if self.settings.held_out_traces:
             return self
-        every = self.anew(replace(self.parts, known=self.parts.every))
-        return replace(every, found=fitted_here(every.search, every.base, self.found))
+        theta, every = self.found.fit.theta, replace(self.parts.known, usual=None).on(windows)
+        every = every.past_the_unknown(every.reach(theta)).before_the_end(every.ahead(theta))
+        under = self.anew(replace(self.parts, known=every))
+        return replace(under, found=fitted_here(under.search, under.base, self.found))
 
     def _stopped(self) -> Hypothesis:
         return replace(self, found=best_so_far(self.search, self.base, self.most))
@@ -294,7 +299,7 @@ def under_its_noise(under: Hypothesis) -> Hypothesis | None:
 
 def _noise(under: Hypothesis) -> tuple[Floats, Colour] | None:
     """The law of the noise, where what was found leaves more than white noise and that is no trace of a force."""
-    if not FIT_QUALITY < under.left <= 1.0 / MATTERS:
+    if under.reached or under.left > 1.0 / MATTERS:
         return None
     known, at = under.parts.known, under.found.fit
     if under.search.problem is not known:

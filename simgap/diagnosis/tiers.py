@@ -83,7 +83,7 @@ def second(first: Hypothesis, wide: Hypothesis | None) -> Hypothesis | None:
     Args:
         first: the search without it and its answer; wide: the one with it, where that was begun.
     """
-    found, before, most, off = first.found, first.left, first.most, not first.reached
+    found, most, off = first.found, first.most, not first.reached
     likes = [e.name for e in EFFECTS.values() if e.second and _names(found) & set(e.resembles)]
     if first.settings.effects or not (off or likes):
         return None
@@ -104,7 +104,7 @@ def second(first: Hypothesis, wide: Hypothesis | None) -> Hypothesis | None:
             best = preferred(search, min(fine, key=lambda e: e.bic), most_here) if fine else known
         else:
             best = preferred(search, known, most)
-        if not any(c.effect.second for c in best.members) or not _takes(search, best, before, known.bic):
+        if not any(c.effect.second for c in best.members) or not _takes(search, best, first, known.bic):
             return None
         if off:
             return trial.ending(best)
@@ -121,7 +121,7 @@ def motors(first: Hypothesis) -> Hypothesis | None:
     settings name them, or if the misses remember themselves. One that nobody named has to come down to the noise,
     and to leave nothing that remembers itself: a spring takes most of what play on a spring leaves, and is none.
     """
-    found, before, most, asked = first.found, first.left, first.most, first.settings.effects
+    found, most, asked = first.found, first.most, first.settings.effects
     model, names, off = first.parts.known.model.model, _names(first.found), not first.reached
     lasts = [e for e in EFFECTS.values() if e.last and (e.targets(model) if asked else e.sought_on(model))]
     lasts = [e for e in lasts if not asked or e.name in asked]
@@ -134,10 +134,10 @@ def motors(first: Hypothesis) -> Hypothesis | None:
         trial = _begun(first, True, (*sorted(names), *(e.name for e in lasts)))
         search = trial.search
         known = taken_over(search, trial.base, found)
-        near = None if asked else min(NEAR * FIT_QUALITY, max(FIT_QUALITY, 1.0 + MOST * (before - 1.0)))
+        near = None if asked else min(NEAR * FIT_QUALITY, max(FIT_QUALITY, 1.0 + MOST * (first.left - 1.0)))
         options = _from_far(search, trial.base, known, near, most)
         best = min((e for e in options if e.physical), key=lambda e: e.bic, default=known)
-        if best is known or not _takes(search, best, before, min(known.bic, found.bic)):
+        if best is known or not _takes(search, best, first, min(known.bic, found.bic)):
             return None
         if not asked and (not search.reached(best) or memory_left(search.problem, best.fit)):
             return None
@@ -161,10 +161,10 @@ def _first(search: Search) -> list[Key]:
     return [c.key for c in search.problem.model.candidates if not c.effect.second]
 
 
-def _takes(search: Search, new: Explanation, before: float, bic: float) -> bool:
+def _takes(search: Search, new: Explanation, first: Hypothesis, bic: float) -> bool:
     """Whether a set takes over: of most that is above the noise, or within it by what it tells better."""
-    if before > FIT_QUALITY:
-        return chi2_dof(search.problem, new.fit) - 1.0 <= MOST * (before - 1.0)
+    if not first.reached:
+        return chi2_dof(search.problem, new.fit) - 1.0 <= MOST * (first.left - 1.0)
     return new.bic < bic - BIC_GAIN
 
 

@@ -104,7 +104,7 @@ def test_an_interval_that_contains_no_effect_is_seen(name, on, values, errors, g
 def _asked() -> tuple[HeldOut, Evidence]:
     none = Errors(np.zeros((1, 1)), np.zeros(1, dtype=np.int64))
     held = HeldOut(np.zeros((1, 2)), np.ones(1), 1.0, 100.0, 100, np.ones(1), None, none)
-    return held, Evidence(50.0, 1.0, held, held, 0.01, Gain(1.0, 0.1), borne_out=True, agree=True, needed=True)
+    return held, Evidence(False, True, held, held, 0.01, Gain(1.0, 0.1), borne_out=True, agree=True, needed=True)
 
 
 def test_a_fit_that_has_not_settled_is_no_more_than_partial():

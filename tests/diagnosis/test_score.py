@@ -15,10 +15,13 @@ from simgap.diagnosis.choosing import Chosen
 from simgap.diagnosis.conclude import is_borne_out
 from simgap.diagnosis.search.watch import Watch
 from simgap.diagnosis.verdict.score import Errors, gained
-from simgap.diagnosis.verdict.sets import density_of_choice, plausible, preferred_of
+from simgap.diagnosis.verdict.sets import Rated, density_of_choice, plausible, preferred_of
 from simgap.effects import EFFECTS
 
-LEVEL_RANKS = [(False, 0)] * 9
+
+def _rated(densities, counts, bic, sensors=(0,) * 9):
+    every = zip(densities, counts, bic, sensors[: len(counts)], strict=True)
+    return [Rated(density, count, b, sensors=s) for density, count, b, s in every]
 
 
 def _errors(rng: np.random.Generator, scale: float, pushes: np.ndarray, blocks: int = 40, each: int = 25) -> Errors:
@@ -204,28 +207,28 @@ def test_a_larger_set_is_preferred_where_it_surely_predicts_better_by_a_size_tha
     rng = np.random.default_rng(3)
     noise = spread * (lambda x: x - x.mean())(rng.standard_normal(12))
     densities = [np.full(12, gains[0]), gains[1] + noise]
-    assert preferred_of(densities, (1, 2), bic, (0, 1), LEVEL_RANKS)[0] == chosen
+    assert preferred_of(_rated(densities, (1, 2), bic), (0, 1))[0] == chosen
 
 
 @pytest.mark.parametrize("nothing", [np.zeros(1), np.full(1, -np.inf), np.full(9, -np.inf), np.full(9, np.nan)])
 def test_where_nothing_is_predicted_the_fits_decide(nothing):
     """One block, or no number in any: the smaller set by far the worse fit is not chosen because it is smaller."""
-    assert preferred_of([nothing] * 3, (0, 1, 2), (900.0, 500.0, 10.0), (1, 2), LEVEL_RANKS) == [2]
-    assert preferred_of([nothing] * 3, (0, 1, 2), (900.0, 12.0, 10.0), (1, 2), LEVEL_RANKS) == [1, 2]
+    assert preferred_of(_rated([nothing] * 3, (0, 1, 2), (900.0, 500.0, 10.0)), (1, 2)) == [2]
+    assert preferred_of(_rated([nothing] * 3, (0, 1, 2), (900.0, 12.0, 10.0)), (1, 2)) == [1, 2]
 
 
 def test_of_sets_as_small_that_predict_as_well_the_one_without_a_sensor_that_is_off_is_named():
     """A sensor off its zero imitates what bends little; it is named where it surely predicts better."""
     level, better = [np.zeros(12), np.full(12, 1.1), np.full(12, 1.0)], [np.zeros(12), np.full(12, 3.0), np.ones(12)]
-    offset = [(False, 0), (False, 1), (False, 0)]
-    assert preferred_of(level, (0, 1, 1), (900.0, 10.0, 11.0), (1, 2), offset)[0] == 2
-    assert preferred_of(better, (0, 1, 1), (900.0, 10.0, 11.0), (1, 2), offset)[0] == 1
+    offset = (0, 1, 0)
+    assert preferred_of(_rated(level, (0, 1, 1), (900.0, 10.0, 11.0), offset), (1, 2))[0] == 2
+    assert preferred_of(_rated(better, (0, 1, 1), (900.0, 10.0, 11.0), offset), (1, 2))[0] == 1
 
 
 @pytest.mark.parametrize("broken", [np.nan, -np.inf])
 def test_a_set_whose_prediction_is_no_number_is_not_chosen_beside_one_that_predicts(broken):
     away = np.array([0.5, broken, 0.5])
-    assert preferred_of([np.zeros(3), away, np.ones(3)], (0, 1, 2), (900.0, 10.0, 10.0), (1, 2), LEVEL_RANKS) == [2]
+    assert preferred_of(_rated([np.zeros(3), away, np.ones(3)], (0, 1, 2), (900.0, 10.0, 10.0)), (1, 2)) == [2]
 
 
 def test_a_single_block_bears_out_what_gets_smaller_in_it_and_is_sure_of_nothing():
@@ -252,13 +255,13 @@ def test_what_a_choice_gains_is_measured_on_blocks_that_had_no_say():
     best, choice = [], []
     for _ in range(300):
         sets = [np.zeros(20), *rng.normal(size=(8, 20))]
-        counts, bic, among = [0] + [1] * 8, [0.0] * 9, range(1, 9)
-        best.append(sets[preferred_of(sets, counts, bic, among, LEVEL_RANKS)[0]].mean())
-        choice.append(density_of_choice(sets, counts, bic, among, LEVEL_RANKS).mean())
+        rated, among = _rated(sets, [0] + [1] * 8, [0.0] * 9), range(1, 9)
+        best.append(sets[preferred_of(rated, among)[0]].mean())
+        choice.append(density_of_choice(rated, among).mean())
     assert np.mean(best) > 0.2
     assert abs(np.mean(choice)) < 2.0 * np.std(choice) / math.sqrt(300)
 
 
 def test_a_choice_that_no_block_can_change_gains_what_its_set_does():
     sets = [np.zeros(15), np.full(15, 2.0), np.full(15, 0.5)]
-    assert np.all(density_of_choice(sets, (0, 1, 1), (0.0, -90.0, 0.0), (1, 2), LEVEL_RANKS) == 2.0)
+    assert np.all(density_of_choice(_rated(sets, (0, 1, 1), (0.0, -90.0, 0.0)), (1, 2)) == 2.0)

@@ -177,7 +177,7 @@ class Search:
             count = sum(len(c.slots) for c in members)
             physical = all(sound(c, found) for c in members) and resolved(self.problem, found.theta, found.x0)
             bends = any(c.effect.one_curve for c in members)  # to anything: an answer only where nothing is left
-            physical = physical and (not bends or self._at_noise(found))
+            physical = physical and (not bends or self.at_noise(found))
             spent = self.problem.spent(found.theta)
             new = Explanation(members, found, self.bic(found.chi2 + spent, count), physical)
             if old is None or (new.physical, -new.fit.chi2) > (old.physical, SAME - old.fit.chi2):
@@ -234,9 +234,10 @@ class Search:
 
     def reached(self, e: Explanation) -> bool:
         """Whether it is down to the noise."""
-        return self._at_noise(e.fit)
+        return self.at_noise(e.fit)
 
-    def _at_noise(self, at: Fit) -> bool:
+    def at_noise(self, at: Fit) -> bool:
+        """The same of a fit."""
         return at_noise(*misfit(self.problem, at))
 
     def surely(self, e: Explanation, member: Candidate) -> bool:

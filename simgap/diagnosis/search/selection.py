@@ -24,7 +24,6 @@ from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import (
     BIC_GAIN,
     FAR,
-    FIT_QUALITY,
     LEAPS_ANYHOW,
     MATTERS,
     MOST,
@@ -173,7 +172,7 @@ def carried_over(search: Search, base: Fit, found: Explanation, reduced: float, 
     """
     here = fitted_here(search, base, found)
     now = chi2_dof(search.problem, here.fit)
-    return here if now <= FIT_QUALITY or now > MOST * reduced else select(search, base, most)
+    return here if search.reached(here) or now > MOST * reduced else select(search, base, most)
 
 
 def fitted_here(search: Search, base: Fit, found: Explanation) -> Explanation:

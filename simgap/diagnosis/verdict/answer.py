@@ -28,7 +28,7 @@ from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import with_values
 from simgap.diagnosis.simulation.supermodel import Candidate, SuperModel
-from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, FIT_QUALITY, MATTERS, NARROW
+from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, MATTERS, NARROW
 from simgap.diagnosis.verdict.held_out import HeldOut, excess_share, judge
 from simgap.diagnosis.verdict.sets import errors_of
 from simgap.effects import EFFECTS, AppliedEffect
@@ -188,7 +188,7 @@ def second_look(
     them: they are told of and not named, as the limit on the number of effects or the data spoke against them. None if
     the fitted data are down to their noise.
     """
-    if chi2_dof(search.problem, found.fit) <= FIT_QUALITY:
+    if search.reached(found):
         return None
     said = []
     for e in search.joined(found, most=NARROW):

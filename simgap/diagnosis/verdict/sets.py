@@ -235,60 +235,73 @@ def transferable(
     ]  # fmt: skip
     if not pool:
         return None
-    densities = [density(e, parts, h, wider.steps) for e in (wider.empty(base), *pool)]
+    sets = [wider.empty(base), *pool]
+    rated = [Rated.of(e, density(e, parts, h, wider.steps)) for e in sets]
     worth = independent_share(search.problem, best.fit)
     steady = [k for k, e in enumerate(pool, 1) if folds_agree(search.problem, e, search.steps, worth)]
-    sets = [wider.empty(base), *pool]
-    counts, bic, among = [e.count for e in sets], [e.bic for e in sets], steady or range(1, len(sets))
-    ranks = [(not plausible(e), sum(c.effect.kind == "state" for c in e.members)) for e in sets]
-    first, *others = preferred_of(densities, counts, bic, among, ranks)
+    among = steady or range(1, len(sets))
+    first, *others = preferred_of(rated, among)
     rivals = [sets[k] for k in others if steady and plausible(sets[k]) and not sets[first].keys < sets[k].keys]
-    predicted = density_of_choice(densities, counts, bic, among, ranks)
+    predicted = density_of_choice(rated, among)
     whole = replace(wider, limit=math.inf, ends=search.ends, tried=wider.finished())
-    return Carried(whole, sets[first], tuple(rivals), bool(steady), densities[0], predicted)
+    return Carried(whole, sets[first], tuple(rivals), bool(steady), rated[0].density, predicted)
 
 
-def density_of_choice(
-    densities: Sequence[Floats], counts: Sequence[int], bic: Sequence[float], among: Sequence[int],
-    ranks: Sequence[tuple[bool, int]],
-) -> Floats:  # fmt: skip
+@dataclass(frozen=True, eq=False)
+class Rated:
+    """What speaks for a set of effects and against it.
+
+    Attributes:
+        density: (b,) log density of its errors ahead in each block; count: parameters; bic: of its fit.
+        far: whether a ratio is beyond belief; sensors: how many of its members act on a sensor.
+    """
+
+    density: Floats
+    count: int
+    bic: float
+    far: bool = False
+    sensors: int = 0
+
+    @staticmethod
+    def of(e: Explanation, density: Floats) -> Rated:
+        """What speaks for a set that was fitted."""
+        return Rated(density, e.count, e.bic, not plausible(e), sum(c.effect.kind == "state" for c in e.members))
+
+    @property
+    def known(self) -> bool:
+        """Whether its predictions are compared: a prediction that is no number is none."""
+        return len(self.density) > 1 and bool(np.isfinite(self.density).all())
+
+    @property
+    def mean(self) -> float:
+        """Mean log density; each parameter has to take a share of the error away that matters."""
+        return float(np.mean(self.density)) + self.count * math.log(1.0 - MATTERS) if self.known else 0.0
+
+
+def density_of_choice(sets: Sequence[Rated], among: Sequence[int]) -> Floats:
     """Log density (b,) in each block of the set that the rest of them prefers: blocks that choose a set flatter it.
 
-    Arguments as of `preferred_of`. Source: Varma, Simon (2006), BMC Bioinformatics 7, 91 (nested cross-validation).
+    Source: Varma, Simon (2006), BMC Bioinformatics 7, 91 (nested cross-validation).
     """
-    whole = np.stack(densities)
-    among = [k for k in among if np.isfinite(whole[k]).all()] or among
-    out = np.empty(whole.shape[1])
+    among = [k for k in among if np.isfinite(sets[k].density).all()] or among
+    out = np.empty(len(sets[0].density))
     for own in np.array_split(np.arange(len(out)), min(_PARTS, len(out))):
-        first = preferred_of(list(np.delete(whole, own, axis=1)), counts, bic, among, ranks)[0]
-        out[own] = whole[first, own]
+        first = preferred_of([replace(s, density=np.delete(s.density, own)) for s in sets], among)[0]
+        out[own] = sets[first].density[own]
     return out
 
 
-def preferred_of(
-    densities: Sequence[Floats], counts: Sequence[int], bic: Sequence[float], among: Sequence[int],
-    ranks: Sequence[tuple[bool, int]],
-) -> list[int]:  # fmt: skip
-    """Numbers of the sets that cannot be told from the one that predicts best, the smallest and best of them first.
+def preferred_of(sets: Sequence[Rated], among: Sequence[int]) -> list[int]:
+    """Numbers of the sets, `among` which to choose, that cannot be told from the one that predicts best, best first.
 
-    Each parameter has to take a share of the error away that matters. Two sets are told apart where one surely predicts
-    better by the spread over blocks, or has the lower BIC: few blocks are sure of little, and one of nothing. A
-    prediction that is no number is none.
-
-    Args:
-        densities: (b,) log density in each block; counts: parameters, bic: of each set; among: what may be chosen.
-        ranks: whether a ratio is beyond belief: such sets come last; and how many members act on a sensor: of sets as
-            small the one that does with fewer comes first, as a sensor off its zero imitates what bends little.
+    Two are told apart where one surely predicts better by the spread over blocks, or has the lower BIC: few blocks are
+    sure of little, and one of nothing. Of the others those beyond belief come last, the smallest ones first; of sets as
+    small the one with fewer members on a sensor, as a sensor off its zero imitates what bends little.
     """
-    known = [len(d) > 1 and bool(np.isfinite(d).all()) for d in densities]
-    among = [k for k in among if known[k]] or among
-    means = [
-        float(np.mean(d)) + n * math.log(1.0 - MATTERS) if some else 0.0
-        for d, n, some in zip(densities, counts, known, strict=True)
-    ]
-    best = max(among, key=lambda k: (means[k], -bic[k]))
-    level = [k for k in among if bic[k] <= bic[best] + BIC_GAIN and not gained(densities[k], densities[best]).sure]
-    return sorted(level, key=lambda k: (ranks[k][0], counts[k], ranks[k][1], -means[k]))
+    among = [k for k in among if sets[k].known] or among
+    top = sets[max(among, key=lambda k: (sets[k].mean, -sets[k].bic))]
+    level = [k for k in among if sets[k].bic <= top.bic + BIC_GAIN and not gained(sets[k].density, top.density).sure]
+    return sorted(level, key=lambda k: (sets[k].far, sets[k].count, sets[k].sensors, -sets[k].mean))
 
 
 def density(e: Explanation, parts: Sequence[Trial], h: float, steps: dict[int, float]) -> Floats:
