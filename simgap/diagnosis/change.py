@@ -10,82 +10,102 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from simgap.arrays import Bools, Floats
+from simgap.diagnosis.record.faults.measurement import is_fault
 from simgap.diagnosis.record.faults.registry import PlantChanged
+from simgap.diagnosis.record.folds import Windows
 from simgap.diagnosis.record.record import MIN_SAMPLES, Record
-from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, FoundEffect, RecordingFault
+from simgap.diagnosis.result import Diagnosis, FoundEffect, RecordingFault
+from simgap.diagnosis.search.equivalence import rivals
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.search.scoring import column, small_amplitude
 from simgap.diagnosis.search.selection import taken_over
+from simgap.diagnosis.seek import Hypothesis
 from simgap.diagnosis.simulation.problem import Memo, Problem
 from simgap.diagnosis.simulation.sensitivity import Direction, linearise, promised, slot_direction
-from simgap.diagnosis.thresholds import BIC_GAIN, FEWEST_WINDOWS, MATTERS, MOST
-from simgap.effects import EFFECTS
-from simgap.errors import UserError
+from simgap.diagnosis.thresholds import BIC_GAIN, MATTERS, MOST, SEVERAL
+from simgap.diagnosis.verdict.answer import found_effects
+from simgap.effects import EFFECTS, EffectParameter
 from simgap.notation import joined
 
 _RAMP_ENDS = 13  # instants, evenly spread, at which a slow change may begin and end: twelfths of a record
 
-Answer = Callable[[Record, DiagnosisSettings], tuple[Diagnosis, Explanation] | None]
+Answer = Callable[[Record], tuple[Diagnosis, Hypothesis] | None]
 
 
-def sides_apart(
-    record: Record, settings: DiagnosisSettings, search: Search, found: Explanation, answer: Answer
-) -> Diagnosis | None:
+def sides_apart(record: Record, plain: Problem, whole: Hypothesis, answer: Answer) -> Diagnosis | None:
     """The answer for the longer side of a change, with the change among the faults of the recording.
 
-    None where no change promises much, where a side by itself is not down to its noise, where the sides differ in no
-    number or in what they name, or where one number each explains the whole: what the plant lacks may act on one side
-    alone.
+    The shorter side has to come down to its noise under the effects of the longer one, with numbers of its own and with
+    others beside them if need be. None where no change promises much, where a side does not come down to its noise,
+    where they differ in no number, or where one number each explains the whole: what the plant lacks may act on one
+    side alone.
 
     Args:
-        record: the data; settings: of the diagnosis.
-        search, found: on the whole record, off the noise.
-        answer: diagnoses a part of the record, and what was found there; None where its search ends above the noise.
+        record: the data; plain: the same as a problem, of which nothing was left out.
+        whole: what was found on all of it.
+        answer: diagnoses a part of the record, and what was found there; None where that is not the whole of it.
     """
-    if search.watch.stopped or search.reached(found):
-        return None
-    change = change_promised(search, found)
+    change = None if whole.watch.stopped or whole.reached else change_promised(whole.search, whole.found)
     if change is None:
         return None
-    before, after = _cut(record, change, settings.window_s)
-    if before is None or after is None or not _alike(before, after, _is_driven(search.problem, found.fit)):
+    sides = change.cut(record, whole.parts.window_s)
+    if sides is None or not _alike(*sides, _is_driven(whole.search.problem, whole.found.fit)):
         return None
-
-    def whole(side: Record) -> tuple[Diagnosis, Explanation] | None:
-        """The answer for a side that is down to its noise, each effect asked for."""
-        told = answer(side, _for(side, settings))
-        return told if told is not None and told[0].verdict in ("none", "attributed") else None
-
-    longer = before.rows >= after.rows
-    sides: list[tuple[Diagnosis, Explanation]] = []
-    try:
-        for side in (before, after) if longer else (after, before):
-            told = whole(side)
-            if told is None:
-                return None
-            sides.append(told)
-    except UserError:  # a side is too short for three folds
+    longer = int(sides[1].rows > sides[0].rows)
+    main = answer(sides[longer])
+    if main is None:
         return None
-    if any(_explains(search, found, own) for _, own in sides):
+    diagnosis, under = main
+    other = _with_other_numbers(under.read_on(plain.on(change.windows(plain)[1 - longer])), under.found)
+    if other is None or any(_explains(whole, own) for own in (under.found, other.found)):
         return None
-    main, other = (d for d, _ in sides)
-    fault = _fault(change, record, (main, other) if longer else (other, main), "before" if longer else "after")
-    if fault is None:
-        return None
-    changed, rows = replace(main, recording=(*main.recording, fault)), [_rows(side, "y") for side in (before, after)]
-    beyond = _beyond(*rows)
-    away = [name for name, moved in zip(record.measured, beyond | ~_like_size(*rows), strict=True) if moved]
-    if not main.effects:
-        return None if np.any(beyond) else changed
-    why = f"Before the change and after it {joined(away)} moved elsewhere: what depends on that would look like it."
-    return replace(changed, verdict="partial", doubts=(*main.doubts, why)) if away else changed
+    found = found_effects(other.search, other.found, rivals(other.search, other.found), True)
+    effects = [diagnosis.effects, [e for e in found if not is_fault(e.name)]]
+    fault = _fault(change, record, effects[:: -1 if longer else 1], ("before", "after")[longer])
+    return None if fault is None else _told(diagnosis, fault, record.measured, sides)
 
 
-def _explains(search: Search, found: Explanation, own: Explanation) -> bool:
+def _with_other_numbers(side: Hypothesis, elsewhere: Explanation) -> Hypothesis | None:
+    """What was found elsewhere, with effects beside it if need be, that is down to the noise here; None if none is.
+
+    Of sets that are the same thing the one under which the numbers from elsewhere change least.
+    """
+    found, search = side.found, side.search
+    while not search.reached(found):
+        more = search.joined(found) if len(found.members) < side.most else []
+        if not more:
+            return None
+        found = min(more, key=lambda e: e.bic)
+    exact = (r.explanation for r in rivals(search, found) if r.exact)
+    same = [e for e in exact if side.found.keys <= e.keys and e.count <= found.count]
+
+    def moved(e: Explanation) -> float:
+        own = np.isin(e.fit.slots, elsewhere.fit.slots)
+        slots = np.array(e.fit.slots, dtype=np.int64)[own]
+        away = e.fit.theta[slots] - elsewhere.fit.theta[slots]
+        return float(np.sum(away**2 / np.array(e.fit.variances)[own]))
+
+    return replace(side, found=min((found, *same), key=moved))
+
+
+def _explains(whole: Hypothesis, own: Explanation) -> bool:
     """Whether what was found on a side explains the whole, or is not tried on it."""
-    here = taken_over(search, found.fit, own)
-    return here.keys != own.keys or search.reached(here)
+    here = taken_over(whole.search, whole.found.fit, own)
+    return here.keys != own.keys or whole.search.reached(here)
+
+
+def _told(
+    main: Diagnosis, fault: RecordingFault, measured: Sequence[str], sides: tuple[Record, Record]
+) -> Diagnosis | None:
+    """The answer for a side with the change, at most `partial` where readings moved elsewhere on the other."""
+    rows = [_rows(side, "y") for side in sides]
+    beyond, told = _beyond(*rows), replace(main, recording=(*main.recording, fault))
+    away = [name for name, moved in zip(measured, beyond | ~_like_size(*rows), strict=True) if moved]
+    if not main.effects:
+        return None if np.any(beyond) else told
+    why = f"Before the change and after it {joined(away)} moved elsewhere: what depends on that would look like it."
+    return replace(told, verdict="partial", doubts=(*main.doubts, why)) if away else told
 
 
 def _is_driven(problem: Problem, at: Fit) -> bool:
@@ -134,28 +154,10 @@ def _beyond(before: Sequence[Floats], after: Sequence[Floats]) -> Bools:
     return np.asarray(np.maximum(*met) < MOST)
 
 
-def _for(part: Record, settings: DiagnosisSettings) -> DiagnosisSettings:
-    """The settings for a part: traces that are held out if it has some of them and others."""
-    names = {trace.name for trace in part.traces}
-    held = tuple(n for n in settings.held_out_traces if n in names)
-    return replace(settings, held_out_traces=held if len(held) < len(names) else ())
-
-
-def _cut(record: Record, change: Change, window_s: float) -> tuple[Record | None, ...]:
-    """What is surely before and surely after; pieces shorter than a window are left out."""
-    before, after = record.traces[: change.trace], record.traces[change.trace :]
-    if change.begin != change.end:  # within a trace
-        split, *later = after
-        ends = split.part(split.t < change.begin), split.part(split.t > change.end)
-        first, last = ([p] if len(p.t) >= MIN_SAMPLES and p.duration >= window_s else [] for p in ends)
-        before, after = (*before, *first), (*last, *later)
-    return tuple(replace(record, traces=side) if side else None for side in (before, after))
-
-
-def _fault(change: Change, record: Record, sides: tuple[Diagnosis, Diagnosis], about: str) -> RecordingFault | None:
+def _fault(change: Change, record: Record, sides: Sequence[Sequence[FoundEffect]], about: str) -> RecordingFault | None:
     """The finding in words: when, and which effects have another number; None where the sides name different ones, as
     then neither set is what the plant lacks."""
-    first, second = ({(e.name, e.on): e for e in d.effects} for d in sides)
+    first, second = ({(e.name, e.on): e for e in side} for side in sides)
     if not (first.keys() <= second.keys() or second.keys() <= first.keys()):
         return None
     keys = [k for k in {**first, **second} if _differs(first.get(k), second.get(k), k[0])]
@@ -175,16 +177,18 @@ def _fault(change: Change, record: Record, sides: tuple[Diagnosis, Diagnosis], a
 
 def _differs(a: FoundEffect | None, b: FoundEffect | None, name: str) -> bool:
     """Whether a number has intervals that do not meet; an effect that is not there is at its null."""
-    first, second = (
-        [(p.null, p.null) if e is None else e.parameters[p.symbol].ci95 for p in EFFECTS[name].parameters]
-        for e in (a, b)
-    )
-    return any(x[1] < y[0] or y[1] < x[0] for x, y in zip(first, second, strict=True))
+
+    def apart(p: EffectParameter) -> bool:
+        (lo, hi), (low, high) = ((p.null, p.null) if e is None else e.parameters[p.symbol].ci95 for e in (a, b))
+        turns = 2.0 * math.pi * round((low + high - lo - hi) / (4.0 * math.pi)) if p.unit == "rad" else 0.0
+        return hi < low - turns or high - turns < lo
+
+    return any(map(apart, EFFECTS[name].parameters))
 
 
-def _by_other_names(side: Diagnosis, keys: list[tuple[str, str]]) -> str:
+def _by_other_names(side: Sequence[FoundEffect], keys: list[tuple[str, str]]) -> str:
     """What moves the plant the same way as the one effect that differs, if there is something, in brackets."""
-    sets = [e.alternatives for e in side.effects if [(e.name, e.on)] == keys]
+    sets = [e.alternatives for e in side if [(e.name, e.on)] == keys]
     names = [
         EFFECTS[s[0][0]].phrase(s[0][1]) for options in sets for s in options if len(s) == 1 and s[0][0] in EFFECTS
     ]
@@ -193,7 +197,9 @@ def _by_other_names(side: Diagnosis, keys: list[tuple[str, str]]) -> str:
 
 def _said(found: FoundEffect | None, key: tuple[str, str]) -> str:
     effect = EFFECTS[key[0]]
-    return f"{effect.phrase(key[1])} as declared" if found is None else effect.describe(key[1], found.quoted)
+    if found is None or not _differs(found, None, key[0]):
+        return f"{effect.phrase(key[1])} as declared"
+    return effect.describe(key[1], found.quoted)
 
 
 @dataclass(frozen=True)
@@ -204,26 +210,43 @@ class Change:
     begin: float
     end: float
 
+    def cut(self, record: Record, window_s: float) -> tuple[Record, Record] | None:
+        """What is surely before and surely after, without pieces shorter than a window; None if nothing is left."""
+        before, after = record.traces[: self.trace], record.traces[self.trace :]
+        if self.begin != self.end:  # within a trace
+            split, *later = after
+            ends = split.part(split.t < self.begin), split.part(split.t > self.end)
+            first, last = ([p] if len(p.t) >= MIN_SAMPLES and p.duration >= window_s else [] for p in ends)
+            before, after = (*before, *first), (*last, *later)
+        return (replace(record, traces=before), replace(record, traces=after)) if before and after else None
+
+    def windows(self, problem: Problem) -> tuple[Windows, Windows]:
+        """The windows before and after."""
+        w, t = problem.windows, problem.t
+        own = w.trace == self.trace
+        before = (w.trace < self.trace) | (own & (t[w.stop - 1] <= self.begin))
+        return w.pick(before), w.pick(~before & ((w.trace > self.trace) | (t[w.start] >= self.end)))
+
 
 def change_promised(search: Search, found: Explanation) -> Change | None:
     """The instant from which on another value of one number promises most; None if that is not most of the excess.
 
     In the window that holds it the number is in between. A change that takes a sixth of the record or longer and
-    promises as much is a drift, and none. Both sides have at least `FEWEST_WINDOWS` windows.
+    promises as much is a drift, and none. With that window both sides have `SEVERAL`: one alone may be a push.
     """
     problem, at = search.problem, found.fit
     order = np.argsort(problem.windows.start)
     excess, count = at.chi2 - problem.size, len(order)
-    if count < 2 * FEWEST_WINDOWS or excess <= 0.0:
+    if count < SEVERAL or excess <= 0.0:
         return None
     own = [slot_direction(problem, at.theta, k, search.steps[k]) for k in at.slots]
     linear = linearise(problem, at.theta, at.x0, [*own, *_others(search, found)])
     grams, gradients = linear.window_gram[order], linear.window_gradient[order]
     windows, trace = np.arange(count), problem.windows.trace[order]
     plain = [_gain(grams, gradients, len(own), j, []) for j in range(linear.gram.shape[0])]
-    last, cost = count - FEWEST_WINDOWS, math.log(problem.size)  # what a number costs
-    within = [(k, k + 1) for k in range(FEWEST_WINDOWS, last)]
-    between = [(k, k) for k in range(FEWEST_WINDOWS, last + 1) if trace[k - 1] != trace[k]]
+    cost = math.log(problem.size)  # of a number
+    within = [(k, k + 1) for k in range(1, count - 1)]
+    between = [(k, k) for k in range(1, count) if trace[k - 1] != trace[k]]
 
     def gain(j: int, steps: list[Floats | Bools]) -> float:
         return _gain(grams, gradients, len(own), j, steps) - plain[j] - cost * len(steps)
@@ -234,6 +257,8 @@ def change_promised(search: Search, found: Explanation) -> Change | None:
     }  # fmt: skip
     (which, first, after), most = max(gains.items(), key=operator.itemgetter(1), default=((0, 0, 0), 0.0))
     if most < MOST * excess or any(gain(which, [r]) >= most for r in _ramps(count)):  # or it went slowly
+        return None
+    if min(after, count - first) < SEVERAL:
         return None
     if after > first:
         least = most - max(BIC_GAIN, MATTERS**2 * most)  # what is promised is linear

@@ -19,7 +19,6 @@ from simgap.diagnosis.record.noise import resolution
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, RecordingFault
 from simgap.diagnosis.search.columns import better_columns
-from simgap.diagnosis.search.explanations import Explanation
 from simgap.diagnosis.search.scoring import barred
 from simgap.diagnosis.search.selection import best_so_far, leap_from_beginnings
 from simgap.diagnosis.search.watch import Watch, answered
@@ -91,7 +90,8 @@ def _diagnosed(
 ) -> tuple[Diagnosis, Record]:
     own, *others = ready(model, record, settings)
     first = _singles(model, own, settings, watch)
-    apart = None if first.explained else _apart(model, own, first.best)  # it costs less than a search
+    answer = _part_by(model, settings, watch)
+    apart = None if first.explained else _apart(own, first.best, answer)  # it costs less than a search
     if apart is not None:
         return apart, own.record
     sought = _sought(own, first)
@@ -102,20 +102,16 @@ def _diagnosed(
         every = (*sought.others, *(h for each in under for h in (each, *each.others)))
         best = looked_again(watch, lambda: sought.likeliest(every))
         sought = sought if best is None or watch.stopped else best
-    answer = _concluded(sought)
-    if answer.verdict in ("partial", "unexplained") and not sought.coloured:
-        answer = _apart(model, sought.ready, sought.under) or answer
-    return answer, sought.ready.record
+    found = _concluded(sought)
+    if found.verdict in ("partial", "unexplained") and not sought.coloured:
+        found = _apart(sought.ready, sought.under, answer) or found
+    return found, sought.ready.record
 
 
-def _apart(model: SymbolicModel, own: Ready, under: Hypothesis) -> Diagnosis | None:
-    """The answer for one side of a change in mid-record."""
-
-    def look() -> Diagnosis | None:
-        whole = under.of_everything(own.parts.every.windows)
-        return sides_apart(own.record, under.settings, whole.search, whole.found, _part_by(model, under.watch))
-
-    apart = looked_again(under.watch, look)
+def _apart(own: Ready, under: Hypothesis, answer: Answer) -> Diagnosis | None:
+    """The answer for one side of a change in mid-record; traces that are held out are not looked at."""
+    plain = own.parts.known if under.settings.held_out_traces else own.parts.every
+    apart = looked_again(under.watch, lambda: sides_apart(own.record, plain, under.read_on(plain), answer))
     return None if apart is None else replace(apart, recording=(*own.faults, *apart.recording))
 
 
@@ -283,13 +279,34 @@ def ready(model: SymbolicModel, record: Record, settings: DiagnosisSettings) -> 
     return [other] if columns.sure else [own, other]
 
 
-def _part_by(model: SymbolicModel, watch: Watch) -> Answer:
-    """Diagnoses a part of the record; only where it comes down to its noise, and nobody interrupts."""
+def _part_by(model: SymbolicModel, settings: DiagnosisSettings, watch: Watch) -> Answer:
+    """Diagnoses a part of the record, each once; only where it comes down to its noise, and nobody interrupts."""
 
-    def answer(part: Record, settings: DiagnosisSettings) -> tuple[Diagnosis, Explanation] | None:
-        own, apart = ready(model, part, settings)[0], Watch(tell=watch.tell)
-        sought = _sought(own, _singles(model, own, settings, apart))
+    def diagnosed(part: Record) -> tuple[Diagnosis, Hypothesis] | None:
+        names = {trace.name for trace in part.traces}
+        held = tuple(n for n in settings.held_out_traces if n in names)
+        own_settings = replace(settings, held_out_traces=held if len(held) < len(names) else ())
+        try:
+            own, apart = ready(model, part, own_settings)[0], Watch(tell=watch.tell)
+        except UserError:  # it is too short for three folds
+            return None
+        sought = _sought(own, _singles(model, own, own_settings, apart))
         watch.stopped = apart.stopped
-        return (_concluded(sought), sought.under.found) if sought.under.reached and not apart.stopped else None
+        if apart.stopped or not sought.under.reached:
+            return None
+        answer, found = _concluded(sought), sought.choice.found
+        named = {(e.name, e.on) for e in answer.effects}
+        whole = answer.verdict in ("none", "attributed") and named == {
+            c.key for c in found.members if not c.of_recording
+        }
+        return (answer, replace(sought.under, found=found)) if whole else None
+
+    known: dict[tuple[tuple[str, float], ...], tuple[Diagnosis, Hypothesis] | None] = {}
+
+    def answer(part: Record) -> tuple[Diagnosis, Hypothesis] | None:
+        key = tuple((trace.name, float(t)) for trace in part.traces for t in trace.t[[0, -1]])
+        if key not in known:
+            known[key] = diagnosed(part)
+        return known[key]
 
     return answer

@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.diagnosis.record.folds import Span, Windows
+from simgap.diagnosis.record.folds import Span
 from simgap.diagnosis.result import DiagnosisSettings, Key
 from simgap.diagnosis.search.confidence import chi2_dof, independent_share
 from simgap.diagnosis.search.equivalence import rivals
@@ -27,12 +27,13 @@ from simgap.diagnosis.search.selection import (
     leap,
     preferred,
     select,
+    taken_over,
 )
 from simgap.diagnosis.search.watch import Stopped, Watch
 from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.noise_law import Colour, usual_size
 from simgap.diagnosis.simulation.parts import Parts
-from simgap.diagnosis.simulation.problem import Problem
+from simgap.diagnosis.simulation.problem import Memo, Problem
 from simgap.diagnosis.simulation.step_length import resolved_everywhere
 from simgap.diagnosis.thresholds import FAR, FIT_QUALITY, LEAPS_ANYHOW, MATTERS, MOST
 from simgap.diagnosis.verdict.faults import around, gross_spans
@@ -130,17 +131,15 @@ class Hypothesis:
         """What was found, on other folds."""
         return self.anew(parts).with_what(self.found, self.left)
 
-    def of_everything(self, windows: Windows) -> Hypothesis:
-        """What was found, fitted by least squares to windows of all folds: what follows a change is no gross error.
-
-        Traces that are held out stay so.
-        """
-        if self.settings.held_out_traces:
-            return self
-        theta, every = self.found.fit.theta, replace(self.parts.known, usual=None).on(windows)
+    def read_on(self, plain: Problem) -> Hypothesis:
+        """What was found, fitted by least squares to other data of which nothing was left out: the same instrument
+        read them, and what follows a change of the plant is no gross error."""
+        own, theta = self.parts.known, self.found.fit.theta
+        laws = {name: getattr(own, name) for name in ("model", "h_max", "heard", "colour")}
+        every = replace(plain, **laws, sigma=np.maximum(own.sigma, plain.sigma), memo=Memo())
         every = every.past_the_unknown(every.reach(theta)).before_the_end(every.ahead(theta))
         under = self.anew(replace(self.parts, known=every))
-        return replace(under, found=fitted_here(under.search, under.base, self.found))
+        return replace(under, found=taken_over(under.search, under.base, self.found))
 
     def _stopped(self) -> Hypothesis:
         return replace(self, found=best_so_far(self.search, self.base, self.most))

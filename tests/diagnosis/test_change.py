@@ -129,6 +129,42 @@ def test_a_change_in_the_second_of_two_short_runs_leaves_four_fitted_windows_aft
     assert _only(found).value == pytest.approx(0.15, rel=0.01)
 
 
+def test_a_change_near_the_end_is_told_though_what_follows_it_is_too_short_for_a_diagnosis_of_its_own():
+    hidden = Hidden(viscous={"hinge": 0.15}, after=(1, 7.3), later=Hidden(viscous={"hinge": 0.375}))
+    d = _diagnosed(pendulum(), hidden, traces=2, seconds=10.0)
+    (change,) = _changes(d)
+    assert change.value == pytest.approx(7.3, abs=1.0)
+    now = change.sentence.split(" before, ")[1]
+    assert "viscous friction of 0.37" in now
+    assert [(e.name, _only(e).value) for e in d.effects] == [("viscous_friction", pytest.approx(0.15, rel=0.01))]
+
+
+def test_a_change_beside_a_second_effect_is_no_push():
+    """One effect does not explain most, so sets are sought first, by a law under which what follows weighs little."""
+    hidden = Hidden(coulomb={"hinge": 0.3}, gain={"torque": 0.6})
+    hidden = replace(hidden, after=(1, 10.5), later=replace(hidden, coulomb={"hinge": 0.4}))
+    made = record(pendulum(), hidden, 6, seconds=15.0, traces=2)
+    d = diagnose(nominal("pendulum"), made, DiagnosisSettings(effects=(*FEW, "input_gain")))
+    (change,) = _changes(d)
+    assert change.value == pytest.approx(10.5, abs=1.0)
+    assert "Coulomb friction of 0.30" in change.sentence
+    assert {e.name: _only(e).value for e in d.effects} == {
+        "coulomb_friction": pytest.approx(0.3, rel=0.01), "input_gain": pytest.approx(0.6, rel=0.01),
+    }  # fmt: skip
+
+
+def test_of_a_load_that_is_added_each_number_is_told_and_those_that_stay_are_not():
+    """Gravity grows by a quarter, inertia by a fifth; a gain would do for one of them, with another friction."""
+    plant, hidden = pendulum(), Hidden(viscous={"hinge": 0.15})
+    rates = plant.rates
+    heavy = replace(plant, rates=lambda x, u, f, r: rates(x, u, f - (r.get("m", 1.0) - 1.0) * 6.13 * np.sin(x[0]), r))
+    hidden = replace(hidden, after=(1, 0.0), later=replace(hidden, factors={"m": 1.2}))
+    made = record(heavy, hidden, 2, seconds=12.0, traces=2)
+    (change,) = _changes(diagnose(nominal("pendulum"), made, DiagnosisSettings()))
+    assert "viscous" not in change.sentence
+    assert "gain" not in change.sentence
+
+
 def test_a_change_in_the_run_that_confirms_is_told():
     """Of three runs the last one confirms; the others lack nothing."""
     hidden = Hidden(after=(2, 5.0), later=Hidden(viscous={"hinge": 0.2}))
