@@ -154,15 +154,18 @@ def test_a_change_beside_a_second_effect_is_no_push():
 
 
 def test_of_a_load_that_is_added_each_number_is_told_and_those_that_stay_are_not():
-    """Gravity grows by a quarter, inertia by a fifth; a gain would do for one of them, with another friction."""
+    """Gravity grows by 30 %, inertia by 10 %; a gain would do for one of them, with another friction."""
     plant, hidden = pendulum(), Hidden(viscous={"hinge": 0.15})
     rates = plant.rates
-    heavy = replace(plant, rates=lambda x, u, f, r: rates(x, u, f - (r.get("m", 1.0) - 1.0) * 6.13 * np.sin(x[0]), r))
-    hidden = replace(hidden, after=(1, 0.0), later=replace(hidden, factors={"m": 1.2}))
-    made = record(heavy, hidden, 2, seconds=12.0, traces=2)
-    (change,) = _changes(diagnose(nominal("pendulum"), made, DiagnosisSettings()))
+    loaded = replace(
+        plant, rates=lambda x, u, f, r: rates(x, u, f - 3.0 * (r.get("m", 1.0) - 1.0) * 4.905 * np.sin(x[0]), r)
+    )
+    hidden = replace(hidden, after=(0, 8.0), later=replace(hidden, factors={"m": 1.1}))
+    d = diagnose(nominal("pendulum"), record(loaded, hidden, 3, seconds=20.0, traces=1), DiagnosisSettings())
+    (change,) = _changes(d)
     assert "viscous" not in change.sentence
     assert "gain" not in change.sentence
+    assert "m that is 30" in change.sentence
 
 
 def test_a_change_in_the_run_that_confirms_is_told():
