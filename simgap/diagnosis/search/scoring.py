@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import Key
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.simulation.sensitivity import Direction, linearise, promised, slot_direction, with_values
+from simgap.diagnosis.simulation.sensitivity import Direction, linearise, promised, slot_direction, step_of, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.effects import EFFECTS
 from simgap.effects.base import Scales, Start, driven_by
@@ -22,6 +23,7 @@ from simgap.model.symbolic import SymbolicModel
 from simgap.units import full_turn
 
 _RESPONSE, _TRIAL = 0.001, 1.0  # of the noise: a small step for derivatives; a finite one where there is a kink
+_AMPLITUDES = (1e-9, 1e2)
 _SECANT = (0.3, 2.0)  # how far from a secant's own size its estimate may be
 
 
@@ -231,16 +233,8 @@ def small_amplitude(problem: Problem, at: Fit, c: Candidate, start: Start, index
         return start.amplitude
     if index not in starts.amplitudes:
         wanted = _TRIAL if _kinked(problem, c, start) else _RESPONSE
-        part, few = problem.some(6)
-        x0, amplitude = at.x0[few], 1e-4
-        base = part.residuals(at.theta, x0)
-        for _ in range(4):
-            moved = part.residuals(column(at.theta, c, start, 0, amplitude).away, x0)
-            size = float(np.sqrt(np.mean(np.minimum(np.abs(moved - base), 1e6) ** 2)))
-            if size > 0.0 and 0.2 < size / wanted < 5.0:
-                break
-            amplitude = float(np.clip(amplitude * wanted / max(size, 1e-10), 1e-9, 1e2))
-        starts.amplitudes[index] = amplitude
+        (part, few), way = problem.some(6), partial(column, at.theta, c, start, 0)
+        starts.amplitudes[index] = step_of(part, at.theta, at.x0[few], way, wanted, _AMPLITUDES, 4)
     return starts.amplitudes[index]
 
 

@@ -26,7 +26,7 @@ from simgap.diagnosis.search.noise_colour import OWN, memory_left
 from simgap.diagnosis.simulation.noise_law import are_gross
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.simulation.sensitivity import state_columns, state_steps
+from simgap.diagnosis.simulation.sensitivity import foreseen_variance, state_columns, state_steps
 from simgap.diagnosis.thresholds import A_FEW, BRIEF_S, FAR, SEVERAL
 from simgap.diagnosis.verdict.sets import negligible
 from simgap.notation import capitalised, few, from_to, joined
@@ -190,9 +190,7 @@ def _leaves(problem: Problem, theta: Floats, states: Floats, left: Span) -> floa
     part = problem.on(Windows(*(np.array([v]) for v in (a, last, which))))
     x0 = states[own : own + 1]
     miss, moved = state_columns(part, theta, x0, state_steps(x0), Problem.misses)
-    fitted = moved[:, : b - a].reshape(len(moved), -1)
-    spread = np.linalg.pinv(fitted @ fitted.T, rcond=1e-12)
-    size = np.sqrt(1.0 + np.einsum("irk,ij,jrk->rk", moved, spread, moved))
+    size = np.sqrt(foreseen_variance(moved[:, : b - a], moved))
     off = np.any(np.abs(miss) > FAR * size, axis=1)[b - a :]
     gone = np.flatnonzero(off[:-1] & off[1:])
     return float(t[b + gone[0]]) if gone.size else end

@@ -21,7 +21,7 @@ from simgap.diagnosis.search.confidence import at_noise, chi2_dof
 from simgap.diagnosis.search.fit import Fit, states_fitted
 from simgap.diagnosis.simulation.noise_law import are_gross, limited
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.simulation.sensitivity import state_columns, state_steps
+from simgap.diagnosis.simulation.sensitivity import foreseen_variance, state_columns, state_steps
 from simgap.diagnosis.thresholds import A_FEW, MOST
 from simgap.diagnosis.verdict.score import Errors
 
@@ -207,11 +207,8 @@ def _floor(at: Problem, whole: Problem, theta: Floats, start: Floats) -> Floats:
     steps = state_steps(start)
     back = state_columns(at, theta, start, steps)[1]
     ahead = state_columns(whole, theta, start, steps, Problem.misses)[1][:, whole.rows[1:] - 1]
-    variance = np.ones(ahead.shape[1:])
-    for w, (a, b) in enumerate(itertools.pairwise(at.rows)):
-        own = back[:, a:b].reshape(len(steps), -1)
-        covariance = np.linalg.pinv(own @ own.T, rcond=1e-12)
-        variance[w] += np.einsum("ik,ij,jk->k", ahead[:, w], covariance, ahead[:, w])
+    pieces = enumerate(itertools.pairwise(at.rows))
+    variance = [foreseen_variance(back[:, a:b], ahead[:, w]) for w, (a, b) in pieces]
     return np.asarray(np.sqrt(np.mean(variance, axis=0)) * at.sigma)
 
 

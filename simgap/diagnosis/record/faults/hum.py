@@ -68,13 +68,13 @@ def _line(record: Record, k: int) -> float | None:
     peak = np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])) + 1
     peak = peak[(peak > _AROUND) & (peak < len(power) - 3)]
     for at in peak[np.argsort(-power[peak] * hertz[peak] ** 4)][:5]:
-        if _above(power, int(at)) < HUM_LINE or _driven(trace, int(at), float(hertz[at])):
+        if _above(power, int(at)) < HUM_LINE or _driven(trace, float(hertz[at])):
             continue
         f = _refined(trace, trace.y[:, k], float(hertz[at]), float(hertz[1] - hertz[0]))
         size = float(np.hypot(*_sine(trace, trace.y[:, k], f)))
         slow = hertz < 0.5 * f
         moved = math.sqrt(float(np.sum(power[slow] * (2 * np.pi * hertz[slow]) ** 4)))
-        if size * (2 * np.pi * f) ** 2 > moved / MOST and all(_stands(tr, k, f) for tr in record.traces):
+        if size * (2 * np.pi * f) ** 2 > moved / MOST and all(_stands(tr, tr.y[:, k], f) for tr in record.traces):
             return f
     return None
 
@@ -92,9 +92,9 @@ def _steady(trace: Trace, y: Floats) -> bool:
     return bool(travels or stays)
 
 
-def _stands(trace: Trace, k: int, hertz: float) -> bool:
-    """Whether channel k of a trace has a line there; too short a trace says nothing against it."""
-    power, at = _power(trace, trace.y[:, k])
+def _stands(trace: Trace, values: Floats, hertz: float) -> bool:
+    """Whether values (n,) of a trace have a line there; too short a trace says nothing against it."""
+    power, at = _power(trace, values)
     here = int(np.argmin(np.abs(at - hertz)))
     if len(power) < 4 * _AROUND or not _AROUND < here < len(power) - 3:
         return True
@@ -118,11 +118,10 @@ def _power(trace: Trace, values: Floats) -> tuple[Floats, Floats]:
     return 2.0 * np.abs(spectrum) ** 2 / len(y) ** 2, np.asarray(np.fft.rfftfreq(len(y), dt), dtype=np.float64)
 
 
-def _driven(trace: Trace, at: int, hertz: float) -> bool:
+def _driven(trace: Trace, hertz: float) -> bool:
     """Whether an input has power there too, of which a resonance may make a line: a part of its own that matters."""
-    moving = [u for u in trace.u.T if np.ptp(u) > 0.0]
-    large = [u for u in moving if np.hypot(*_sine(trace, u, hertz)) > MATTERS * np.std(u)]
-    return any(_above(_power(trace, u)[0], at) > _STANDS * HUM_LINE for u in large)
+    large = [u for u in trace.u.T if np.ptp(u) > 0.0 and np.hypot(*_sine(trace, u, hertz)) > MATTERS * np.std(u)]
+    return any(_stands(trace, u, hertz) for u in large)
 
 
 def _sine(trace: Trace, values: Floats, hertz: float) -> Floats:
