@@ -70,7 +70,7 @@ def diagnose_arm(
     faults, silent, said = faulty_columns(folds.fit.beside(folds.choose), len(base.kept), inputs)
     folds = replace(folds, fit=without(folds.fit, silent), choose=without(folds.choose, silent))
     tell(f"{len(base.kept)} combinations of inertial parameters, {len(TERMS)} effects of each joint")
-    chosen, weights, correlated, drives = chosen_columns(keys, inputs, folds.fit, folds.choose, shared, weighed, most)
+    chosen, weights, correlated, drives = chosen_columns(keys, folds.fit, folds.choose, shared, weighed, most)
     seen = folds.fit.beside(folds.choose)
     if drives is not None:
         seen = scaled(seen, drives.g, shared)
