@@ -71,17 +71,17 @@ def diagnose_arm(
     folds = replace(folds, fit=without(folds.fit, silent), choose=without(folds.choose, silent))
     tell(f"{len(base.kept)} combinations of inertial parameters, {len(TERMS)} effects of each joint")
     chosen, weights, correlated, drives = chosen_columns(keys, folds.fit, folds.choose, shared, weighed, most)
-    seen = folds.fit.beside(folds.choose)
-    if drives is not None:
-        seen = scaled(seen, drives.g, shared)
-        said = said if weighed else (*said, SAID)
+    none = np.zeros(len(inputs))
+    of = drives or Gains(none + 1.0, none, np.zeros(len(keys)))
+    seen = scaled(folds.fit.beside(folds.choose), of.g, shared)
     active, theta, errors = settled(keys, seen, weights, chosen.active)
     if drives is not None:
         errors[shared] = drives.of_columns[shared]  # of a mass: with the gains open too
+        said = said if weighed else (*said, SAID)
     noise = _noise(record, inputs, every[0].low_pass.noise_gain)
     used, bodies = as_bodies(tree, base, keys, seen, weights, correlated, active, theta, errors)
     found = Found(
-        keys, base, active, theta, errors, chosen.gains, correlated, noise, used, bodies, drives, shared, faults,
+        keys, base, active, theta, errors, chosen.gains, correlated, noise, used, bodies, of, shared, faults,
         silent, said,
     )  # fmt: skip
     units = {c.name: c.force_unit for c in ends}
@@ -180,8 +180,8 @@ class Found:
         correlated: (n,) rows that count as one; noise: (n,) floor of each joint's torque.
         used: (p,) coefficients of the corrected model, whose inertial parameters bodies can have.
         bodies: these bodies; None: inertial parameters as declared, or none were found.
-        drives: gains of the drives, where a known mass tells them: then columns that are not `shared` by joints are in
-            units of the declared gain.
+        drives: gains of the drives, 1 as declared; columns that are not `shared` by joints are in units of the declared
+            gain.
         recording: faults of torque columns; silent: joints whose torques say nothing for that; said: warnings.
     """
 
@@ -195,7 +195,7 @@ class Found:
     noise: Floats
     used: Floats
     bodies: Consistent | None
-    drives: Gains | None
+    drives: Gains
     shared: Sequence[int]
     recording: tuple[RecordingFault, ...]
     silent: tuple[int, ...]
@@ -207,15 +207,11 @@ class Found:
         own = {self.keys[k].joint: self.used[k] for k in self.active if self.keys[k].effect == "coulomb_friction"}
         return np.array([own.get(j, 0.0) for j in range(len(self.noise))])
 
-    def corrected(self, part: Part) -> Part:
-        """Rows as the corrected drives say them."""
-        return part if self.drives is None else scaled(part, self.drives.g, self.shared)
-
     def estimate(self, k: int, unit: str, declared: float = 0.0) -> Estimate:
         """A coefficient, with what was declared, and its 95 % interval; of a joint alone: over its drive's gain."""
         at, joint = self.theta if self.keys[k].effect == INERTIAL else self.used, self.keys[k].joint
         value, error = declared + float(at[k]), float(self.errors[k])
-        if joint is not None and self.drives is not None:
+        if joint is not None:
             g = float(self.drives.g[joint])
             value, error = value / g, float(np.hypot(error / g, value / g**2 * float(self.drives.errors[joint])))
         return Estimate(value, (value - SURE * error, value + SURE * error), unit)
@@ -226,7 +222,7 @@ def answer(
     payloads: Sequence[Payload], cut_hz: float,
 ) -> ArmDiagnosis:  # fmt: skip
     """Put it together; here alone *confirm* is looked at."""
-    part, after = folds.confirm, residual(found.corrected(folds.confirm), found.used)
+    part, after = folds.confirm, residual(scaled(folds.confirm, found.drives.g, found.shared), found.used)
     held = np.sign(after) * np.maximum(np.abs(after) - found.dry, 0.0)
     left = {"before": part.y, "after": after, "after_beyond_friction": np.where(part.live > 0.0, after, held)}
     heard = [j for j in range(tree.size) if j not in found.silent]
@@ -305,8 +301,6 @@ def verdict(before: Floats, after: Floats, floor: Floats, gain: Gain, something:
 
 def _gains(found: Found, inputs: Sequence[str]) -> list[FoundEffect]:
     """Gains of drives that are not as declared."""
-    if found.drives is None:
-        return []
     out = []
     for name, g, e in zip(inputs, found.drives.g.tolist(), found.drives.errors.tolist(), strict=True):
         if g != 1.0:  # the others are as declared

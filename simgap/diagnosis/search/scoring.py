@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.diagnosis.record.noise import rates
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import Key
 from simgap.diagnosis.search.fit import Fit
@@ -77,14 +78,12 @@ def _speed(problem: Problem, coordinate: str) -> float:
     """Root mean square speed of a coordinate, from its own channel or its position's differences."""
     c, measured = problem.model.model.coordinate(coordinate), problem.model.measured
     if c.velocity in measured:
-        return max(float(np.sqrt(np.mean(problem.y[:, measured.index(c.velocity)] ** 2))), 1e-9)
-    if c.position in measured:
-        hop = 5  # several samples apart: noise weighs less
-        q, t = problem.y[:, measured.index(c.position)], problem.t
-        step = t[hop:] - t[:-hop]
-        v = ((q[hop:] - q[:-hop]) / np.where(step > 0, step, np.inf))[step > 0]
-        return max(float(np.sqrt(np.mean(v**2))), 1e-9)
-    return 1.0
+        v = problem.y[:, measured.index(c.velocity)]
+    elif c.position in measured:
+        v = rates(problem.t, problem.y[:, measured.index(c.position)])
+    else:
+        return 1.0
+    return max(float(np.sqrt(np.mean(v**2))), 1e-9)
 
 
 def visited(problem: Problem, c: Candidate) -> Floats:

@@ -21,7 +21,6 @@ from simgap.diagnosis.simulation.noise_law import Colour, limited, whiten
 from simgap.diagnosis.simulation.simulate import simulate
 from simgap.diagnosis.simulation.supermodel import SuperModel
 from simgap.diagnosis.thresholds import BRIEF_S
-from simgap.late import njit
 
 T = TypeVar("T")
 Drive = tuple[Floats, Floats, Floats, Floats]
@@ -286,9 +285,9 @@ class Problem:
 
     def misses(self, theta: Floats, x0: Floats) -> Floats:
         """(measured - predicted) / sigma, (rows, k); a diverging simulation is cut to a large number."""
-        residual = self.predict(theta, x0)
-        _compare(self.y, self.sigma, self.used, self.samples, residual)
-        return residual
+        with np.errstate(over="ignore", invalid="ignore"):
+            missed = (self.readings - self.predict(theta, x0)) / self.sigma
+        return self._used * np.fmax(np.fmin(missed, FARTHEST), -FARTHEST)  # what is no number is far
 
     def residuals(self, theta: Floats, x0: Floats) -> Floats:
         """Misses made white by the law of the noise, (rows, k): of a perfect model they are independent, of size 1."""
@@ -327,15 +326,6 @@ class Problem:
             delay[c] += ahead * self.spacing
             for a, b in itertools.pairwise(self.edges):
                 level[a:b, c] = level[np.minimum(np.arange(a, b) + ahead, b - 1), c]
-
-
-@njit("void(float64[:, ::1], float64[::1], float64[:, ::1], int64[::1], float64[:, ::1])", cache=True)
-def _compare(y: Floats, sigma: Floats, used: Floats, samples: Ints, predicted: Floats) -> None:
-    """Predictions of samples become (measured - predicted) / sigma, in place; what diverged a large number."""
-    for i, k in enumerate(samples):
-        for j in range(predicted.shape[1]):
-            r = (y[k, j] - predicted[i, j]) / sigma[j]
-            predicted[i, j] = used[k, j] * (min(max(r, -FARTHEST), FARTHEST) if r == r else FARTHEST)
 
 
 def interval(t: Floats) -> float:
