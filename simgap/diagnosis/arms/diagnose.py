@@ -58,11 +58,11 @@ def diagnose_arm(
     Raises:
         UserError: a position that is not measured, too few traces.
     """
-    every = motions(record, ends, inputs)
-    tell(f"{len(every)} traces, smoothed below {every[0].low_pass.cut:.3g} Hz")
+    every, low_pass = motions(record, ends, inputs)
+    tell(f"{len(every)} traces, smoothed below {low_pass.cut:.3g} Hz")
     base = base_parameters(tree)
     keys = keys_of(tree, base, inputs, payloads)
-    part = part_of(every, tree, base, payloads, known)
+    part = part_of(every, low_pass, tree, base, payloads, known)
     names = [m.trace for m in every]
     folds = folds_of(part, names, settings.held_out_traces, settings.held_out_share, payloads)
     shared = [k for k, key in enumerate(keys) if key.joint is None]
@@ -78,14 +78,14 @@ def diagnose_arm(
     if drives is not None:
         errors[shared] = drives.of_columns[shared]  # of a mass: with the gains open too
         said = said if weighed else (*said, SAID)
-    noise = _noise(record, inputs, every[0].low_pass.noise_gain)
+    noise = _noise(record, inputs, low_pass.noise_gain)
     used, bodies = as_bodies(tree, base, keys, seen, weights, correlated, active, theta, errors)
     found = Found(
         keys, base, active, theta, errors, chosen.gains, correlated, noise, used, bodies, of, shared, faults,
         silent, said,
     )  # fmt: skip
     units = {c.name: c.force_unit for c in ends}
-    return answer(tree, found, folds, names, inputs, units, payloads, every[0].low_pass.cut)
+    return answer(tree, found, folds, names, inputs, units, payloads, low_pass.cut)
 
 
 def _noise(record: Record, inputs: Sequence[str], gain: float) -> Floats:
@@ -301,12 +301,9 @@ def verdict(before: Floats, after: Floats, floor: Floats, gain: Gain, something:
 
 def _gains(found: Found, inputs: Sequence[str]) -> list[FoundEffect]:
     """Gains of drives that are not as declared."""
-    out = []
-    for name, g, e in zip(inputs, found.drives.g.tolist(), found.drives.errors.tolist(), strict=True):
-        if g != 1.0:  # the others are as declared
-            ends = 1.0 / (g + SURE * e), 1.0 / max(g - SURE * e, 1e-300)
-            out.append(FoundEffect("input_gain", name, {"ratio": Estimate(1.0 / g, ends, "1")}))
-    return out
+    drives = zip(inputs, found.drives.g.tolist(), found.drives.errors.tolist(), strict=True)
+    own = [(name, 1.0 / g, (1.0 / (g + SURE * e), 1.0 / max(g - SURE * e, 1e-300))) for name, g, e in drives]
+    return [FoundEffect("input_gain", name, {"ratio": Estimate(r, e, "1")}) for name, r, e in own if r != 1.0]
 
 
 def _terms(found: Found, tree: Tree, units: Mapping[str, str]) -> list[FoundEffect]:

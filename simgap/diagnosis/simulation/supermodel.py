@@ -40,11 +40,6 @@ class Candidate:
     slots: tuple[int, ...]
 
     @property
-    def label(self) -> str:
-        """What people read: effect on target."""
-        return f"{self.effect.name} on {self.on}"
-
-    @property
     def key(self) -> tuple[str, str]:
         """Name and target."""
         return self.effect.name, self.on
