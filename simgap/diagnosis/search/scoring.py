@@ -53,13 +53,10 @@ class Starts:
 
 def list_starts(problem: Problem, barred: Collection[Key] = ()) -> Starts:
     """The starts of every candidate that is not barred, at the scales of this record."""
-    model = problem.model.model
-    spacing = problem.spacing
+    model, spacing = problem.model.model, problem.spacing
     commands = dict(zip(model.input_names, np.abs(problem.u).max(axis=0), strict=True))
     items = []
-    for c in problem.model.candidates:
-        if c.key in barred:
-            continue
+    for c in (c for c in problem.model.candidates if c.key not in barred):
         scales = Scales(spacing)
         if c.effect.kind == "input":
             speed = _speed(problem, model.driven[c.on]) if c.on in model.driven else 1.0

@@ -106,7 +106,9 @@ def _blocks(problem: Problem, k: int) -> Problem:
     parts = [_thinned(problem, a, b, k, mean) for a, b in itertools.pairwise(problem.edges.tolist())]
     firsts = np.cumsum([0, *(len(part[0]) for part in parts[:-1])])
     t, y, u, weight, used = (np.ascontiguousarray(np.concatenate(each)) for each in zip(*parts, strict=True))
-    windows = _mapped(problem.windows, problem.firsts, firsts, k)
+    old, new = problem.firsts[problem.windows.trace], firsts[problem.windows.trace]
+    start, stop = (new + -(-(edge - old) // k) for edge in (problem.windows.start, problem.windows.stop))
+    windows = Windows(start, stop, problem.windows.trace).pick(stop - start >= MIN_SAMPLES)
     sigma, colour = problem.sigma / np.sqrt(k) if mean else problem.sigma, problem.colour
     if colour is not None:
         colour, spread = colour.of_blocks(k, mean)
@@ -130,10 +132,3 @@ def _thinned(problem: Problem, a: int, b: int, k: int, mean: bool) -> tuple[Floa
     middle = (total[at + reach + 1] - total[at - reach]) / (2 * reach + 1)[:, None]
     kept = (lost[at + reach + 1] == lost[at - reach]).astype(np.float64)
     return t[at], middle, held, weight[at], kept
-
-
-def _mapped(windows: Windows, old: Ints, new: Ints, k: int) -> Windows:
-    """The windows over the blocks; those that become too short are dropped."""
-    old, new = old[windows.trace], new[windows.trace]
-    start, stop = (new + -(-(edge - old) // k) for edge in (windows.start, windows.stop))
-    return Windows(start, stop, windows.trace).pick(stop - start >= MIN_SAMPLES)

@@ -111,9 +111,7 @@ def at_rest(problem: Problem, guess: Floats) -> Floats:
     for c in problem.model.model.coordinates:
         if c.position in problem.model.measured:
             column = problem.y[:, problem.model.measured.index(c.position)]
-            stops = np.minimum(problem.windows.start + _STILL, problem.windows.stop)
-            spans = zip(problem.windows.start, stops, strict=True)
-            x0[:, names.index(c.position)] = [np.mean(column[a:b]) for a, b in spans]
+            x0[:, names.index(c.position)] = [np.mean(column[a : min(a + _STILL, b)]) for a, b, _ in problem.windows]
     return x0
 
 

@@ -7,7 +7,7 @@ import math
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -40,11 +40,11 @@ class Memo:
     def __init__(self) -> None:
         self._kinds = defaultdict[str, dict[bytes, Any]](dict)
 
-    def kept(self, kind: str, key: bytes, make: Callable[[], T]) -> T:
-        """The value of a kind and key, made where it is not among the last few."""
+    def kept(self, kind: str, key: bytes, make: Callable[..., T], *of: Any) -> T:
+        """The value of a kind and key, made of that where it is not among the last few."""
         values = self._kinds[kind]
         if key not in values:
-            values[key] = make()
+            values[key] = make(*of)
             if len(values) > _REMEMBERED:
                 del values[next(iter(values))]
         return values[key]
@@ -100,8 +100,7 @@ class Problem:
     def past_the_unknown(self, reach_s: float) -> Problem:
         """The same problem without the samples on which commands from before the record may still act: they are not
         in it."""
-        begins = enumerate(self.t[self.firsts].tolist())
-        spans = tuple((k, begin, begin + reach_s * (1 - 1e-9)) for k, begin in begins)
+        spans = tuple((k, t, t + reach_s * (1 - 1e-9)) for k, t in enumerate(self.t[self.firsts].tolist()))
         return self.on(left_out(self.windows, self.t, spans))
 
     def before_the_end(self, late_s: float) -> Problem:
@@ -160,7 +159,7 @@ class Problem:
     @property
     def spacing(self) -> float:
         """Median interval of the stamps, s."""
-        return self.memo.kept("spacing", b"", lambda: interval(self.t))
+        return self.memo.kept("spacing", b"", interval, self.t)
 
     @cached_property
     def rows(self) -> Ints:
@@ -226,23 +225,23 @@ class Problem:
         """The effects' own states at every stamp, (n, h); kept for the last few of their numbers."""
         on = [self.model.model.coordinate(c.on) for c in self.model.remembered]
         slots = [k for c in self.model.remembered for k in c.slots]
-        measure = partial(past.measured_speeds, on, self.model.measured, self.t, self.y, self.firsts)
-        speeds = self.memo.kept("speeds", b"", measure)
-        make = partial(past.memories, self.model.past, theta, self.t, speeds, self.firsts)
-        return self.memo.kept("memories", theta[slots].tobytes(), make)
+        read = self.model.measured, self.t, self.y, self.firsts
+        speeds = self.memo.kept("speeds", b"", past.measured_speeds, on, *read)
+        own = self.model.past, theta, self.t, speeds, self.firsts
+        return self.memo.kept("memories", theta[slots].tobytes(), past.memories, *own)
 
     def _twists(self, k: int, theta: Floats) -> Floats:
         """Twist and its rate of a motor against its link at every stamp, (n, 2); kept for the last few laws."""
         slots = [*self.model.trains[k].slots, *self.model.input_slots]
-        return self.memo.kept(f"twists of {k}", theta[slots].tobytes(), partial(self._make_twists, k, theta))
+        return self.memo.kept(f"twists of {k}", theta[slots].tobytes(), self._make_twists, k, theta)
 
     def _make_twists(self, k: int, theta: Floats) -> Floats:
         train = self.model.trains[k]
         if train.quick(theta) == 0.0:
             return np.zeros((len(self.t), 2))
         on, law = self.model.model.coordinate(train.on), np.array(train.numbers(theta), dtype=np.float64)
-        make = partial(past.measured_link, on, self.model.measured, self.t, self.y, self.firsts)
-        q, v = self.memo.kept(f"link of {k}", b"", make)
+        read = self.model.measured, self.t, self.y, self.firsts
+        q, v = self.memo.kept(f"link of {k}", b"", past.measured_link, on, *read)
         felt = self._felt(theta, train.inputs)
         if train.read_at_motor(theta):
             return past.twists_by_torque(self.t, v, felt, law, self.edges)
@@ -267,21 +266,12 @@ class Problem:
         self.model.read(x, theta, out)
         for fault, column, slot in self.model.reading_faults:
             if theta[slot] != 0.0:
-                own = np.ascontiguousarray(out[:, column])
+                own, t = np.ascontiguousarray(out[:, column]), self.t[self.samples]
+                since = t - np.repeat(self.t[self.firsts[self.windows.trace]], np.diff(self.rows))
                 read, noise = self.readings[:, column], float(self.sigma[column])
-                fault.distort(own, float(theta[slot]), Rows(self._stamps, self._since, self.rows, read, noise))
+                fault.distort(own, float(theta[slot]), Rows(t, since, self.rows, read, noise))
                 out[:, column] = own
         return out
-
-    @cached_property
-    def _stamps(self) -> Floats:
-        """(rows,) s, window after window."""
-        return self.t[self.samples]
-
-    @cached_property
-    def _since(self) -> Floats:
-        """(rows,) s from the first sample of the trace."""
-        return self._stamps - np.repeat(self.t[self.firsts[self.windows.trace]], np.diff(self.rows))
 
     def misses(self, theta: Floats, x0: Floats) -> Floats:
         """(measured - predicted) / sigma, (rows, k); a diverging simulation is cut to a large number."""
@@ -305,27 +295,23 @@ class Problem:
     def _drive(self, theta: Floats) -> Drive:
         """Level, excess, delay and lag of the inputs; kept while the parameters of the inputs stay the same."""
         key = theta[list(self.model.input_slots)].tobytes()
-        return self.memo.kept("drives", key, partial(self._make_drive, theta))
+        return self.memo.kept("drives", key, self._make_drive, theta)
 
     def _make_drive(self, theta: Floats) -> Drive:
         level = np.empty_like(self.u)
         self.model.static(self.u, theta, level)
         delay, lag = np.array(self.model.memory(theta), dtype=np.float64).reshape(2, -1)
-        self._bring_forward(level, delay)
+        for c in np.flatnonzero(delay < 0.0):  # whole samples by which it is brought forward, and a rest above 0
+            ahead = int(np.ceil(-delay[c] / self.spacing - 1e-9))
+            delay[c] += ahead * self.spacing
+            for a, b in itertools.pairwise(self.edges):
+                level[a:b, c] = level[np.minimum(np.arange(a, b) + ahead, b - 1), c]
         excess = np.zeros_like(level)
         aim = level - np.repeat(level[self.firsts], np.diff(self.edges), axis=0)  # each trace starts settled
         for c in np.flatnonzero(lag > 0.0):
             rate = np.full(len(aim), 1.0 / lag[c])
             excess[:, c] = past.followed(self.t, rate * aim[:, c], rate, self.edges) - aim[:, c]
         return level, excess, delay, lag
-
-    def _bring_forward(self, level: Floats, delay: Floats) -> None:
-        """Delays (m,) below zero become whole samples by which an input (n, m) is brought forward, and a rest >= 0."""
-        for c in np.flatnonzero(delay < 0.0):
-            ahead = int(np.ceil(-delay[c] / self.spacing - 1e-9))
-            delay[c] += ahead * self.spacing
-            for a, b in itertools.pairwise(self.edges):
-                level[a:b, c] = level[np.minimum(np.arange(a, b) + ahead, b - 1), c]
 
 
 def interval(t: Floats) -> float:

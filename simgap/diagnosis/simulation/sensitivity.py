@@ -232,6 +232,5 @@ def _orthogonal(states: Floats) -> tuple[Floats, Floats]:
 def with_values(theta: Floats, values: Mapping[int, float]) -> Floats:
     """A copy of theta with some slots changed: (q,) -> (q,)."""
     out = theta.copy()
-    for slot, value in values.items():
-        out[slot] = value
+    out[list(values)] = list(values.values())
     return out

@@ -84,12 +84,10 @@ def _steady(trace: Trace, y: Floats) -> bool:
 
     Two turns of travel at least, with a scatter that is small against it.
     """
-    slope, level = np.polyfit(trace.t - trace.t[0], y, 1)
-    travels = abs(slope) * trace.duration > max(
-        _TURNS, _EVEN * float(np.std(y - slope * (trace.t - trace.t[0]) - level))
-    )
-    stays = abs(float(np.mean(y))) * trace.duration > _TURNS and abs(float(np.mean(y))) > 0.5 * _EVEN * float(np.std(y))
-    return bool(travels or stays)
+    since, mean = trace.t - trace.t[0], abs(float(np.mean(y)))
+    slope = float(np.polyfit(since, y, 1)[0])
+    travels = abs(slope) * trace.duration > max(_TURNS, _EVEN * float(np.std(y - slope * since)))
+    return travels or (mean * trace.duration > _TURNS and mean > 0.5 * _EVEN * float(np.std(y)))
 
 
 def _stands(trace: Trace, values: Floats, hertz: float) -> bool:
