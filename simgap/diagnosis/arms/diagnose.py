@@ -344,14 +344,15 @@ def _payloads(tree: Tree, found: Found, payloads: Sequence[Payload]) -> tuple[Fo
     return tuple(out)
 
 
+_NOT_TAKEN = "improves too little on choose, has the wrong sign, or is covered by others"
+
+
 def _sought(found: Found) -> tuple[Sought, ...]:
     rows = []
-    for k, key in enumerate(found.keys):
-        if key.joint is not None:
-            gain = found.gains.get(k)
-            taken = k in found.active and found.used[k] != 0.0
-            why = "" if taken else "improves too little on choose, has the wrong sign, or is covered by others"
-            rows.append(Sought(key.effect, key.on, gain, "its interval holds 0" if gain and not taken else why))
+    for k, key in ((k, key) for k, key in enumerate(found.keys) if key.joint is not None):
+        gain = found.gains.get(k)
+        lost = "its interval holds 0" if gain else _NOT_TAKEN
+        rows.append(Sought(key.effect, key.on, gain, "" if k in found.active and found.used[k] != 0.0 else lost))
     return tuple(rows)
 
 

@@ -62,18 +62,12 @@ def _moved(problem: Problem, k: int) -> float:
     """RMS change over the noise of what the declared model predicts, where inputs are held at their means over k
     samples; that of the worst channel."""
     part, _ = problem.some()
-    x0, theta = initial_states(part), problem.model.null
-    change = part.misses(theta, x0) - replace(part, u=_held(problem, k), memo=Memo()).misses(theta, x0)
-    return float(np.sqrt(np.max(np.mean(np.square(change), axis=0), initial=0.0)))
-
-
-def _held(problem: Problem, k: int) -> Floats:
-    """Inputs at their means over blocks of k samples, (n, m)."""
-    out = np.empty_like(problem.u)
+    x0, theta, u = initial_states(part), problem.model.null, np.empty_like(problem.u)
     for a, b in itertools.pairwise(problem.edges.tolist()):
         means, starts = _means(problem.t[a:b], problem.u[a:b], k)
-        out[a:b] = np.repeat(means, np.diff([*starts.tolist(), b - a]), axis=0)
-    return out
+        u[a:b] = np.repeat(means, np.diff([*starts.tolist(), b - a]), axis=0)
+    change = part.misses(theta, x0) - replace(part, u=u, memo=Memo()).misses(theta, x0)
+    return float(np.sqrt(np.max(np.mean(np.square(change), axis=0), initial=0.0)))
 
 
 def _means(t: Floats, u: Floats, k: int) -> tuple[Floats, Ints]:

@@ -209,17 +209,13 @@ class Problem:
                 begin[:, motor] = x0[:, link] + away
         if self.model.remembered:
             begin = np.hstack([begin, self._memories(theta)[w.start]])
-        out = np.empty((int(self.rows[-1]), begin.shape[1]))
+        out, quick = np.empty((int(self.rows[-1]), begin.shape[1])), [train.quick(theta) for train in self.model.trains]
+        step = self.h_max / max(1.0, max(quick, default=0.0) * self.spacing / _TURN)
         simulate(
             *self.model.dynamics.addresses, self.t, *self._drive(theta), self.model.dynamics.constants_at(theta), begin,
-            self.firsts[w.trace], w.start, w.stop, self.rows[:-1], self.model.dynamics.speed, self._step(theta), out,
+            self.firsts[w.trace], w.start, w.stop, self.rows[:-1], self.model.dynamics.speed, step, out,
         )  # fmt: skip
         return np.ascontiguousarray(out[:, : self.model.begun])
-
-    def _step(self, theta: Floats) -> float:
-        """Longest step, s: shorter where a motor against its link is quick."""
-        quick = max((train.quick(theta) for train in self.model.trains), default=0.0)
-        return self.h_max / max(1.0, quick * self.spacing / _TURN)
 
     def _memories(self, theta: Floats) -> Floats:
         """The effects' own states at every stamp, (n, h); kept for the last few of their numbers."""

@@ -153,13 +153,12 @@ def _between(trace: Trace, begin: float, end: float) -> Bools:
 
 def _ranges(problem: Problem, slack: Floats) -> tuple[Floats, Floats]:
     """Least and largest readings, inputs and rates of each piece of data (s, 2k + m), further apart by slack."""
-    rows = []
+    low, high = [], []
     for a, b, *_ in merged(problem.windows):
-        rates = _rates(problem.t[a:b], problem.y[a:b])
-        each = [*problem.y[a:b].T, *problem.u[a:b].T, *rates.T]
-        rows.append([(np.min(c, initial=np.inf), np.max(c, initial=-np.inf)) for c in each])
-    table = np.array(rows)
-    return table[:, :, 0] - slack, table[:, :, 1] + slack
+        each = problem.y[a:b], problem.u[a:b], _rates(problem.t[a:b], problem.y[a:b])
+        low.append(np.concatenate([np.min(x, axis=0, initial=np.inf) for x in each]) - slack)
+        high.append(np.concatenate([np.max(x, axis=0, initial=-np.inf) for x in each]) + slack)
+    return np.array(low), np.array(high)
 
 
 def _rates(t: Floats, y: Floats) -> Floats:

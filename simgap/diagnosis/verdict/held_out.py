@@ -236,7 +236,8 @@ def concentrated(confirm: Problem, names: Sequence[str], old: HeldOut, new: Held
     rest = [~_touched(h, bad) for h, bad in zip((before, after), worst, strict=True)]
     if not all(r.any() for r in rest):
         return None
-    was, now = (_excess(h, r, after.floor, confirm.sigma) for h, r in zip((before, after), rest, strict=True))
+    squares = [np.mean(h.error[r] ** 2, axis=0) for h, r in zip((before, after), rest, strict=True)]
+    was, now = (float(np.mean(np.maximum(s - after.floor**2, 0.0) / confirm.sigma**2)) for s in squares)
     share = math.sqrt(now / was) if was > 0.0 else 1.0
     medians = (by_channel(confirm, np.median(np.abs(h.error), axis=0)) for h in (before, after))
     return Concentrated(_places(confirm, names, after, worst[1]), float(carried[count - 1]), share, *medians)
@@ -246,11 +247,6 @@ def _touched(h: HorizonError, bad: Bools) -> Bools:
     """Predictions that overlap a bad one."""
     spans = zip(h.begin[bad], h.end[bad], strict=True)
     return np.any([(h.begin <= b) & (h.end >= a) for a, b in spans], axis=0)
-
-
-def _excess(h: HorizonError, which: Bools, floor: Floats, sigma: Floats) -> float:
-    """Mean square above the floor, of some of the predictions, in units of the noise."""
-    return float(np.mean(np.maximum(np.mean(h.error[which] ** 2, axis=0) - floor**2, 0.0) / sigma**2))
 
 
 def _places(confirm: Problem, names: Sequence[str], after: HorizonError, bad: Bools) -> Stretches:
