@@ -180,12 +180,10 @@ def _alike(chosen: Explanation, span: _Span, null: Floats) -> list[_Set]:
     for member, gone in zip(chosen.members, _columns(chosen), strict=True):
         rest = tuple(c for c in chosen.members if c is not member)
         kept = [j for j in range(span.own) if j not in gone]
-        near: list[tuple[float, _Set]] = []
-        for j, (c, _) in enumerate(span.joining, span.own):
-            share = span.share([*kept, j], gone, _away(chosen, gone, null))
-            if share > COLLINEAR**2:
-                near.append((share, ((*rest, c), [*kept, j])))
-        sets += [s for _, s in sorted(near, key=lambda pair: -pair[0])[:WIDTH]]
+        away, joining = _away(chosen, gone, null), {j: c for j, (c, _) in enumerate(span.joining, span.own)}
+        shares = {j: span.share([*kept, j], gone, away) for j in joining}
+        near = sorted((j for j in joining if shares[j] > COLLINEAR**2), key=lambda j: -shares[j])
+        sets += [((*rest, joining[j]), [*kept, j]) for j in near[:WIDTH]]
     return sets
 
 

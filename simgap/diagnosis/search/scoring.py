@@ -228,12 +228,9 @@ def small_amplitude(problem: Problem, at: Fit, c: Candidate, start: Start, index
     if start.amplitude is not None:
         return start.amplitude
     if index not in starts.amplitudes:
-        wanted = _TRIAL if _kinked(problem, c, start) else _RESPONSE
+        unit, model = start.point([1.0] * start.size), problem.model.model
+        turns = not c.of_recording and c.effect.surfaces(model, c.on, unit)  # what it does turns round somewhere
+        wanted = _TRIAL if turns else _RESPONSE
         (part, few), way = problem.some(6), partial(column, at.theta, c, start, 0)
         starts.amplitudes[index] = step_of(part, at.theta, at.x0[few], way, wanted, _AMPLITUDES, 4)
     return starts.amplitudes[index]
-
-
-def _kinked(problem: Problem, c: Candidate, start: Start) -> bool:
-    """Whether what the effect does turns round somewhere."""
-    return not c.of_recording and bool(c.effect.surfaces(problem.model.model, c.on, start.point([1.0] * start.size)))

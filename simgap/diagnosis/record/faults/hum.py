@@ -52,7 +52,8 @@ class Hum(SeenFault):
                 of = f"{size:.2g} {pretty_unit(model.units.get(name, '1'))}".rstrip()
                 what = f"a hum of {hertz:.4g} Hz, {of} in amplitude, which no force produces; it was removed."
                 faults.append(self.told(name, hertz, f"{name} has {what}"))
-                traces = tuple(_less(trace, k, hertz, *c) for trace, c in zip(record.traces, sines, strict=True))
+                own = zip(record.traces, sines, strict=True)
+                traces = tuple(trace.showing(k, trace.y[:, k] - _wave(trace, hertz) @ c) for trace, c in own)
                 record = replace(record, traces=traces)
         return record, tuple(faults)
 
@@ -122,11 +123,16 @@ def _driven(trace: Trace, hertz: float) -> bool:
     return any(_stands(trace, u, hertz) for u in large)
 
 
+def _wave(trace: Trace, hertz: float) -> Floats:
+    """Cosine and sine at a frequency, (n, 2)."""
+    turn = 2 * np.pi * hertz * trace.t
+    return np.stack([np.cos(turn), np.sin(turn)], axis=1)
+
+
 def _sine(trace: Trace, values: Floats, hertz: float) -> Floats:
     """Weights of cosine and sine at a frequency, (2,), by least squares under a Hann window (the motion stays out)."""
     taper = 0.5 - 0.5 * np.cos(2 * np.pi * (trace.t - trace.t[0]) / max(trace.duration, 1e-300))
-    turn = 2 * np.pi * hertz * trace.t
-    basis = np.stack([np.cos(turn), np.sin(turn), np.ones_like(turn)], axis=1) * taper[:, None]
+    basis = np.column_stack([_wave(trace, hertz), np.ones_like(taper)]) * taper[:, None]
     return np.asarray(np.linalg.lstsq(basis, values * taper, rcond=None)[0][:2])
 
 
@@ -137,8 +143,3 @@ def _refined(trace: Trace, values: Floats, hertz: float, width: float) -> float:
         options={"xatol": 1e-4 * width},
     )  # fmt: skip
     return float(found.x)
-
-
-def _less(trace: Trace, k: int, hertz: float, cosine: float, sine: float) -> Trace:
-    turn = 2 * np.pi * hertz * trace.t
-    return trace.showing(k, trace.y[:, k] - (cosine * np.cos(turn) + sine * np.sin(turn)))
