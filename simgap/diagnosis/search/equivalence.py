@@ -86,10 +86,9 @@ def once(listed: Iterable[Rival]) -> list[Rival]:
 
 def _listed(search: Search, chosen: Explanation, spanned: set[Key]) -> list[Rival]:
     close = [e for e in search.sound() if e.keys != chosen.keys and e.bic < chosen.bic + BIC_GAIN]
-    close.sort(key=lambda e: (e.count, e.bic))
     kept: list[Explanation] = [chosen]
     found = []
-    for e in close:
+    for e in sorted(close, key=lambda e: (e.count, e.bic)):
         if any(other.keys <= e.keys for other in kept):
             continue
         kept.append(e)

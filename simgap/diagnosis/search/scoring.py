@@ -168,9 +168,8 @@ def screen(problem: Problem, at: Fit, steps: dict[int, float], starts: Starts, e
         starts: from `list_starts`.
         exclude: keys of candidates that are not asked.
     """
-    own = [slot_direction(problem, at.theta, k, steps[k]) for k in at.slots]
+    directions = [slot_direction(problem, at.theta, k, steps[k]) for k in at.slots]
     asked: list[tuple[Candidate, Start, tuple[int, ...]]] = []
-    directions = list(own)
     for index, (c, start) in enumerate(starts.items):
         if c.key in exclude:
             continue
@@ -180,7 +179,7 @@ def screen(problem: Problem, at: Fit, steps: dict[int, float], starts: Starts, e
     linear = linearise(problem, at.theta, at.x0, directions)
     seen = [it for it in asked if linear.visible[list(it[2])].any()]
     unseen = frozenset(c.key for c, _, _ in asked) - {c.key for c, _, _ in seen}
-    return Screen(at, len(own), tuple(seen), linear.gram, linear.gradient, linear.rest, unseen)
+    return Screen(at, len(at.slots), tuple(seen), linear.gram, linear.gradient, linear.rest, unseen)
 
 
 def score(seen: Screen) -> list[Score]:

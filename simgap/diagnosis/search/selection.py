@@ -56,14 +56,9 @@ def choose(options: Iterable[Explanation]) -> Explanation | None:
 def by_place(e: Explanation) -> tuple[object, ...]:
     """Of sets that predict the same: what stands first in the library, then ratios nearest to what is declared."""
     slots = sorted((c.slots[0] for c in e.members), reverse=True)
-    return slots[:1], _departure(e), slots, e.bic
-
-
-def _departure(e: Explanation) -> float:
-    """By how much ratios of true to declared differ from 1: the sum of their logarithms, to a hundredth."""
     pairs = [(p, float(e.fit.theta[k])) for c in e.members for p, k in zip(c.effect.parameters, c.slots, strict=True)]
     ratios = [abs(v) for p, v in pairs if p.symbol == "ratio" and p.null == 1.0 and v != 0.0]
-    return round(sum(abs(math.log(r)) for r in ratios), 2)
+    return slots[:1], round(sum(abs(math.log(r)) for r in ratios), 2), slots, e.bic  # their logarithms, to a hundredth
 
 
 def select(search: Search, base: Fit, most: int) -> Explanation:

@@ -251,10 +251,8 @@ def _touched(h: HorizonError, bad: Bools) -> Bools:
 
 def _places(confirm: Problem, names: Sequence[str], after: HorizonError, bad: Bools) -> Stretches:
     """What most of the bad predictions around have in common, as stretches of time."""
-    change = np.zeros(len(confirm.t) + 1)
-    np.add.at(change, after.begin[bad], 1.0)
-    np.add.at(change, after.end[bad] + 1, -1.0)
-    cover = np.cumsum(change)[:-1]
+    begun, ended = (np.bincount(at, minlength=len(confirm.t) + 1) for at in (after.begin[bad], after.end[bad] + 1))
+    cover = np.cumsum(begun - ended)[:-1]
     out = []
     for a, b in runs(cover != 0.0):
         core = a + np.flatnonzero(cover[a:b] > 0.5 * cover[a:b].max())
