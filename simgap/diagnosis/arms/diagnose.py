@@ -58,11 +58,11 @@ def diagnose_arm(
     Raises:
         UserError: a position that is not measured, too few traces.
     """
-    every = motions(record, ends, inputs)
-    tell(f"{len(every)} traces, smoothed below {every[0].low_pass.cut:.3g} Hz")
+    every, low_pass = motions(record, ends, inputs)
+    tell(f"{len(every)} traces, smoothed below {low_pass.cut:.3g} Hz")
     base = base_parameters(tree)
     keys = keys_of(tree, base, inputs, payloads)
-    part = part_of(every, tree, base, payloads, known)
+    part = part_of(every, low_pass, tree, base, payloads, known)
     names = [m.trace for m in every]
     folds = folds_of(part, names, settings.held_out_traces, settings.held_out_share, payloads)
     shared = [k for k, key in enumerate(keys) if key.joint is None]
@@ -70,22 +70,22 @@ def diagnose_arm(
     faults, silent, said = faulty_columns(folds.fit.beside(folds.choose), len(base.kept), inputs)
     folds = replace(folds, fit=without(folds.fit, silent), choose=without(folds.choose, silent))
     tell(f"{len(base.kept)} combinations of inertial parameters, {len(TERMS)} effects of each joint")
-    chosen, weights, correlated, drives = chosen_columns(keys, inputs, folds.fit, folds.choose, shared, weighed, most)
-    seen = folds.fit.beside(folds.choose)
-    if drives is not None:
-        seen = scaled(seen, drives.g, shared)
-        said = said if weighed else (*said, SAID)
+    chosen, weights, correlated, drives = chosen_columns(keys, folds.fit, folds.choose, shared, weighed, most)
+    none = np.zeros(len(inputs))
+    of = drives or Gains(none + 1.0, none, np.zeros(len(keys)))
+    seen = scaled(folds.fit.beside(folds.choose), of.g, shared)
     active, theta, errors = settled(keys, seen, weights, chosen.active)
     if drives is not None:
         errors[shared] = drives.of_columns[shared]  # of a mass: with the gains open too
-    noise = _noise(record, inputs, every[0].low_pass.noise_gain)
+        said = said if weighed else (*said, SAID)
+    noise = _noise(record, inputs, low_pass.noise_gain)
     used, bodies = as_bodies(tree, base, keys, seen, weights, correlated, active, theta, errors)
     found = Found(
-        keys, base, active, theta, errors, chosen.gains, correlated, noise, used, bodies, drives, shared, faults,
+        keys, base, active, theta, errors, chosen.gains, correlated, noise, used, bodies, of, shared, faults,
         silent, said,
     )  # fmt: skip
     units = {c.name: c.force_unit for c in ends}
-    return answer(tree, found, folds, names, inputs, units, payloads, every[0].low_pass.cut)
+    return answer(tree, found, folds, names, inputs, units, payloads, low_pass.cut)
 
 
 def _noise(record: Record, inputs: Sequence[str], gain: float) -> Floats:
@@ -180,8 +180,8 @@ class Found:
         correlated: (n,) rows that count as one; noise: (n,) floor of each joint's torque.
         used: (p,) coefficients of the corrected model, whose inertial parameters bodies can have.
         bodies: these bodies; None: inertial parameters as declared, or none were found.
-        drives: gains of the drives, where a known mass tells them: then columns that are not `shared` by joints are in
-            units of the declared gain.
+        drives: gains of the drives, 1 as declared; columns that are not `shared` by joints are in units of the declared
+            gain.
         recording: faults of torque columns; silent: joints whose torques say nothing for that; said: warnings.
     """
 
@@ -195,7 +195,7 @@ class Found:
     noise: Floats
     used: Floats
     bodies: Consistent | None
-    drives: Gains | None
+    drives: Gains
     shared: Sequence[int]
     recording: tuple[RecordingFault, ...]
     silent: tuple[int, ...]
@@ -207,15 +207,11 @@ class Found:
         own = {self.keys[k].joint: self.used[k] for k in self.active if self.keys[k].effect == "coulomb_friction"}
         return np.array([own.get(j, 0.0) for j in range(len(self.noise))])
 
-    def corrected(self, part: Part) -> Part:
-        """Rows as the corrected drives say them."""
-        return part if self.drives is None else scaled(part, self.drives.g, self.shared)
-
     def estimate(self, k: int, unit: str, declared: float = 0.0) -> Estimate:
         """A coefficient, with what was declared, and its 95 % interval; of a joint alone: over its drive's gain."""
         at, joint = self.theta if self.keys[k].effect == INERTIAL else self.used, self.keys[k].joint
         value, error = declared + float(at[k]), float(self.errors[k])
-        if joint is not None and self.drives is not None:
+        if joint is not None:
             g = float(self.drives.g[joint])
             value, error = value / g, float(np.hypot(error / g, value / g**2 * float(self.drives.errors[joint])))
         return Estimate(value, (value - SURE * error, value + SURE * error), unit)
@@ -226,7 +222,7 @@ def answer(
     payloads: Sequence[Payload], cut_hz: float,
 ) -> ArmDiagnosis:  # fmt: skip
     """Put it together; here alone *confirm* is looked at."""
-    part, after = folds.confirm, residual(found.corrected(folds.confirm), found.used)
+    part, after = folds.confirm, residual(scaled(folds.confirm, found.drives.g, found.shared), found.used)
     held = np.sign(after) * np.maximum(np.abs(after) - found.dry, 0.0)
     left = {"before": part.y, "after": after, "after_beyond_friction": np.where(part.live > 0.0, after, held)}
     heard = [j for j in range(tree.size) if j not in found.silent]
@@ -305,14 +301,9 @@ def verdict(before: Floats, after: Floats, floor: Floats, gain: Gain, something:
 
 def _gains(found: Found, inputs: Sequence[str]) -> list[FoundEffect]:
     """Gains of drives that are not as declared."""
-    if found.drives is None:
-        return []
-    out = []
-    for name, g, e in zip(inputs, found.drives.g.tolist(), found.drives.errors.tolist(), strict=True):
-        if g != 1.0:  # the others are as declared
-            ends = 1.0 / (g + SURE * e), 1.0 / max(g - SURE * e, 1e-300)
-            out.append(FoundEffect("input_gain", name, {"ratio": Estimate(1.0 / g, ends, "1")}))
-    return out
+    drives = zip(inputs, found.drives.g.tolist(), found.drives.errors.tolist(), strict=True)
+    own = [(name, 1.0 / g, (1.0 / (g + SURE * e), 1.0 / max(g - SURE * e, 1e-300))) for name, g, e in drives]
+    return [FoundEffect("input_gain", name, {"ratio": Estimate(r, e, "1")}) for name, r, e in own if r != 1.0]
 
 
 def _terms(found: Found, tree: Tree, units: Mapping[str, str]) -> list[FoundEffect]:
@@ -353,14 +344,15 @@ def _payloads(tree: Tree, found: Found, payloads: Sequence[Payload]) -> tuple[Fo
     return tuple(out)
 
 
+_NOT_TAKEN = "improves too little on choose, has the wrong sign, or is covered by others"
+
+
 def _sought(found: Found) -> tuple[Sought, ...]:
     rows = []
-    for k, key in enumerate(found.keys):
-        if key.joint is not None:
-            gain = found.gains.get(k)
-            taken = k in found.active and found.used[k] != 0.0
-            why = "" if taken else "improves too little on choose, has the wrong sign, or is covered by others"
-            rows.append(Sought(key.effect, key.on, gain, "its interval holds 0" if gain and not taken else why))
+    for k, key in ((k, key) for k, key in enumerate(found.keys) if key.joint is not None):
+        gain = found.gains.get(k)
+        lost = "its interval holds 0" if gain else _NOT_TAKEN
+        rows.append(Sought(key.effect, key.on, gain, "" if k in found.active and found.used[k] != 0.0 else lost))
     return tuple(rows)
 
 

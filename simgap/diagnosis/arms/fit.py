@@ -70,17 +70,14 @@ def standard_errors(part: Part, theta: Floats, active: Sequence[int], weights: F
     longest correlation.
     """
     own, out = np.array(active, dtype=np.int64), np.zeros(len(theta))
-    w = part.live * weights**2
-    x = part.x[:, :, own]
-    scores = np.einsum("rjp,rj->rp", x, w * residual(part, theta))
-    gram = np.einsum("rjp,rjq->pq", x * w[:, :, None], x, optimize=True)
+    scores = np.einsum("rjp,rj->rp", part.x[:, :, own], part.live * weights**2 * residual(part, theta))
     reach = int(min(3 * together.max(), len(scores) / 8))
     middle = scores.T @ scores
     for lag in range(1, reach + 1):
         same = (part.trace[lag:] == part.trace[:-lag])[:, None]
         cross = (scores[lag:] * same).T @ scores[:-lag]
         middle += (1.0 - lag / (reach + 1)) * (cross + cross.T)
-    inverse = inverted(gram)
+    inverse = inverted(part.grams(weights)[0][np.ix_(own, own)])
     out[own] = np.sqrt(np.maximum(np.diag(inverse @ middle @ inverse), 0.0))
     return out
 
@@ -97,11 +94,16 @@ class Choice:
 def choose(keys: Sequence[Key], fit: Part, judge: Part, weights: Floats, together: Floats, most: int) -> Choice:
     """The better of two selections: inertial parameters as declared, and free."""
     gram, right = fit.grams(weights)
-    inertial, payload = (tuple(k for k, key in enumerate(keys) if key.effect == e) for e in (INERTIAL, PAYLOAD))
     declared, free = (
-        forward(keys, gram, right, judge, together, given, most) for given in (payload, (*inertial, *payload))
+        forward(keys, gram, right, judge, together, of_effect(keys, *given), most)
+        for given in ((PAYLOAD,), (INERTIAL, PAYLOAD))
     )
     return free if free.bic < declared.bic - BIC_GAIN else declared
+
+
+def of_effect(keys: Sequence[Key], *effects: str) -> tuple[int, ...]:
+    """Columns of some effects."""
+    return tuple(k for k, key in enumerate(keys) if key.effect in effects)
 
 
 def forward(
@@ -202,11 +204,8 @@ def _bic(gram: Floats, right: Floats, judge: Part, together: Floats, active: tup
 
 def _own_direction(gram: Floats, active: tuple[int, ...], k: int) -> bool:
     """Whether a column does something that the active ones together do not."""
-    if gram[k, k] <= 0.0:
-        return False
-    own = np.array(active, dtype=np.int64)
-    cross = gram[own, k]
-    return float(1.0 - cross @ inverted(gram[np.ix_(own, own)]) @ cross / gram[k, k]) > _OWN**2
+    size = float(gram[k, k])
+    return size > 0.0 and 1.0 - float(gram[k] @ solve(gram, gram[k], active)) / size > _OWN**2
 
 
 GAIN = "input_gain"
@@ -217,24 +216,22 @@ SAID = (
 
 
 def lone_gains(
-    keys: Sequence[Key], inputs: Sequence[str], fit: Part, judge: Part, weights: Floats, together: Floats, most: int,
-    bic: float,
-) -> Floats | None:  # fmt: skip
+    keys: Sequence[Key], fit: Part, judge: Part, weights: Floats, together: Floats, most: int, bic: float
+) -> Floats | None:
     """(n,) g of each drive, declared over true, 1 where it is as declared; None if no gain explains *choose* better.
 
     Args:
         bic: of what was chosen without gains.
     """
-    wider = [*keys, *(Key(GAIN, name, "ratio", j) for j, name in enumerate(inputs))]
+    joints = range(fit.y.shape[1])
+    wider = [*keys, *(Key(GAIN, "", "ratio", j) for j in joints)]
     fitted, judged = (replace(p, x=np.concatenate([p.x, _for_gains(p.torque - p.y)], axis=2)) for p in (fit, judge))
-    given = tuple(k for k, key in enumerate(keys) if key.effect == PAYLOAD)
     gram, right = fitted.grams(weights)
-    chosen = forward(wider, gram, right, judged, together, given, most)
+    chosen = forward(wider, gram, right, judged, together, of_effect(keys, PAYLOAD), most)
     g = 1.0 + solve(gram, right, chosen.active)[len(keys) :]
     off = int(np.sum(g != 1.0))
-    if chosen.bic >= bic - BIC_GAIN or not 0 < off <= MOST * len(inputs) or not np.all(g > 0.0):
-        return None
-    return np.asarray(g)
+    explains = chosen.bic < bic - BIC_GAIN and 0 < off <= MOST * len(joints) and np.all(g > 0.0)
+    return np.asarray(g) if explains else None
 
 
 def _for_gains(bodies: Floats) -> Floats:
@@ -266,73 +263,63 @@ def gains(
     part: Part, active: Sequence[int], shared: Sequence[int], theta: Floats, weights: Floats, correlated: Floats,
     among: Sequence[int],
 ) -> Gains | None:  # fmt: skip
-    """Gains beside the active columns; those whose 95 % interval holds 1 are as declared. None if it does not settle.
+    """Gains of some joints and the active columns beside them, by Gauss-Newton. None if it does not settle.
 
     Args:
-        shared: active columns that several joints feel.
-        theta: (p,) where to begin, gains 1.
+        shared: columns that several joints feel.
+        theta: (p,) where to begin, 0 for columns that are not active, gains 1.
         among: joints whose gains may differ.
     """
-
-    def fitted(open_: Sequence[int]) -> tuple[Gains | None, dict[int, float]]:
-        found = _gains_beside(part, active, shared, theta, weights, correlated, open_) if open_ else None
-        return found, {} if found is None else doubted(open_, found.g - 1.0, found.errors)
-
-    return one_by_one(among, fitted)[1]
-
-
-def _gains_beside(
-    part: Part, active: Sequence[int], shared: Sequence[int], theta: Floats, weights: Floats, correlated: Floats,
-    open_: Sequence[int],
-) -> Gains | None:  # fmt: skip
-    """Gauss-Newton over the open gains and the active columns."""
-    n, size = part.y.shape[1], len(theta)
-    free = [*open_, *(n + k for k in active)]
+    n = part.y.shape[1]
+    free = [*among, *(n + k for k in active)]
     g, at = np.ones(n), theta.copy()
     for _ in range(_ROUNDS):
         rows = scaled(part, g, shared)  # what is left of them, with a column for each gain in front of the others
         columns = _for_gains(part.torque - part.y + part.x[:, :, shared] @ at[shared])
         rows = replace(rows, x=np.concatenate([columns, rows.x], axis=2), y=rows.y - rows.x @ at)
-        gram, right = rows.grams(weights)
-        step = solve(gram, right, free)
+        step = solve(*rows.grams(weights), free)
         g, at = g + step[:n], at + step[n:]
         if not np.all(g > 0.0):
             return None
         if np.abs(step[:n]).max() < _SETTLED:
-            left = replace(rows, y=rows.y - rows.x @ step)
-            errors = standard_errors(left, np.zeros(n + size), free, weights, correlated)
+            errors = standard_errors(rows, step, free, weights, correlated)
             return Gains(g, errors[:n], errors[n:])
     return None
 
 
 def chosen_columns(
-    keys: Sequence[Key], inputs: Sequence[str], fit: Part, judge: Part, shared: Sequence[int], weighed: bool, most: int
+    keys: Sequence[Key], fit: Part, judge: Part, shared: Sequence[int], weighed: bool, most: int
 ) -> tuple[Choice, Floats, Floats, Gains | None]:
     """Columns with weights and correlations of the joints, and drive gains where these explain *choose* better.
 
     Gains come first: with wrong ones no choice among the rest is right. Where other bodies stand beside them nothing
-    tells the one from the other but a known mass, and what was chosen without gains stays.
+    tells the one from the other but a known mass, and what was chosen without gains stays. Those whose 95 % interval
+    holds 1 are as declared.
     """
-    weights, correlated = weights_of(fit)
-    g: Floats | None
-    if weighed:
-        every, none = range(len(keys)), np.zeros(len(keys))  # beside every column at once, to begin from
-        found = _gains_beside(fit, every, shared, none, weights, correlated, range(len(inputs)))
-        g = np.ones(len(inputs)) if found is None else found.g
+    scales, every = weights_of(fit), range(len(keys))
+    plain: tuple[Choice, Floats, Floats, None] | None = None
+    if weighed:  # beside every column at once, to begin from
+        found = gains(fit, every, shared, np.zeros(len(keys)), *scales, range(fit.y.shape[1]))
+        g = np.ones(fit.y.shape[1]) if found is None else found.g
     else:
-        chosen = choose(keys, fit, judge, weights, correlated, most)
-        g = lone_gains(keys, inputs, fit, judge, weights, correlated, most, chosen.bic)
-        if g is None:
-            return chosen, weights, correlated, None
+        plain = choose(keys, fit, judge, *scales, most), *scales, None
+        lone = lone_gains(keys, fit, judge, *scales, most, plain[0].bic)
+        if lone is None:
+            return plain
+        g = lone
     known, fit, judge = fit.beside(judge), scaled(fit, g, shared), scaled(judge, g, shared)
     scales, drives = weights_of(fit), None
     right = choose(keys, fit, judge, *scales, most)
     if weighed or not any(keys[k].effect == INERTIAL for k in right.active):
         active, theta, _ = settled(keys, fit.beside(judge), scales[0], right.active)
         right = replace(right, active=active)
-        among = [j for j in range(len(inputs)) if weighed or g[j] != 1.0]
-        drives = gains(known, active, [k for k in active if k in shared], theta, *scales, among)
-    return (right, *scales, drives) if weighed or drives is not None else (chosen, weights, correlated, None)
+
+        def fitted(open_: Sequence[int]) -> tuple[Gains | None, dict[int, float]]:
+            found = gains(known, active, shared, theta, *scales, open_) if open_ else None
+            return found, {} if found is None else doubted(open_, found.g - 1.0, found.errors)
+
+        _, drives = one_by_one([j for j in range(len(g)) if weighed or g[j] != 1.0], fitted)
+    return plain if plain is not None and drives is None else (right, *scales, drives)
 
 
 def as_bodies(

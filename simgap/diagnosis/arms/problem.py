@@ -35,19 +35,14 @@ class Motion:
 
     Attributes:
         trace: its name.
-        t: (N,) s; q, v, a, torque: (N, n) smooth.
-        used: rows away from the ends, where the filter sees both sides, thinned to what the cut leaves.
-        low_pass: the filter.
+        t: (N,) s; q, v, torque: (N, n).
     """
 
     trace: str
     t: Floats
     q: Floats
     v: Floats
-    a: Floats
     torque: Floats
-    used: slice
-    low_pass: Filter
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +61,12 @@ class Filter:
         return np.ascontiguousarray(sosfiltfilt(sections, x, axis=0, padlen=reach))
 
     @property
+    def used(self) -> slice:
+        """Rows away from the ends, where it sees both sides, thinned to what the cut leaves."""
+        edge = int(self.rate / self.cut)
+        return slice(edge, -edge, max(1, int(self.rate / (2.5 * self.cut))))
+
+    @property
     def noise_gain(self) -> float:
         """Standard deviation of white noise behind it, as a share of that before it."""
         pulse = np.zeros(int(20 * self.rate / self.cut) | 1)
@@ -73,8 +74,8 @@ class Filter:
         return float(np.linalg.norm(self(pulse)))
 
 
-def motions(record: Record, ends: Sequence[Coordinate], torques: Sequence[str]) -> tuple[Motion, ...]:
-    """Every trace, with one low pass for all: its cut is `BAND` times the frequency below which the motion lies.
+def motions(record: Record, ends: Sequence[Coordinate], torques: Sequence[str]) -> tuple[list[Motion], Filter]:
+    """Every trace, and one low pass for all: its cut is `BAND` times the frequency below which the motion lies.
 
     Args:
         ends: the coordinate of each joint; torques: the input of each.
@@ -88,27 +89,25 @@ def motions(record: Record, ends: Sequence[Coordinate], torques: Sequence[str]) 
                 f"the position '{c.position}' is not measured", remedy="An arm's diagnosis needs every position."
             )
     rate = 1.0 / record.interval
-    raw = [_even(record, trace, ends, torques, rate) for trace in record.traces]
-    band = max(_band(v, rate) for _, _, v, _ in raw)
+    every = [_even(record, trace, ends, torques, rate) for trace in record.traces]
+    band = max(_band(m.v, rate) for m in every)
     if not band > 0.0:
         raise UserError(
             f"no joint moves in any recording (faster than {_STILL:g} rad/s or m/s)", key="measured.files",
             remedy="Name recordings in which the arm moves: at rest dry friction balances any force.",
         )  # fmt: skip
-    low_pass = Filter(min(BAND * band, _OF_THE_RATE * rate), rate)
-    return tuple(_smooth(trace.name, *each, low_pass) for trace, each in zip(record.traces, raw, strict=True))
+    return every, Filter(min(BAND * band, _OF_THE_RATE * rate), rate)
 
 
-def _even(
-    record: Record, trace: Trace, ends: Sequence[Coordinate], torques: Sequence[str], rate: float
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """Stamps, positions, velocities and torques; a velocity that was not measured is the derivative of the position."""
+def _even(record: Record, trace: Trace, ends: Sequence[Coordinate], torques: Sequence[str], rate: float) -> Motion:
+    """The trace on its grid; a velocity that was not measured is the derivative of the position."""
     t = np.arange(trace.t[0], trace.t[-1], 1.0 / rate)
     columns = zip((*record.measured, *record.inputs), (*trace.y.T, *trace.u.T), strict=True)
     grid = {name: np.interp(t, trace.t, column) for name, column in columns}
     q, u = (np.stack([grid[n] for n in names], axis=1) for names in ([c.position for c in ends], torques))
     slopes = np.gradient(q, 1.0 / rate, axis=0)
-    return t, q, np.stack([grid.get(c.velocity, slopes[:, j]) for j, c in enumerate(ends)], axis=1), u
+    v = np.stack([grid.get(c.velocity, slopes[:, j]) for j, c in enumerate(ends)], axis=1)
+    return Motion(trace.name, t, q, v, u)
 
 
 def _band(v: Floats, rate: float) -> float:
@@ -119,14 +118,6 @@ def _band(v: Floats, rate: float) -> float:
         return 0.0
     share = np.cumsum(power) / power.sum()
     return float(np.fft.rfftfreq(len(v), 1.0 / rate)[np.searchsorted(share, 1.0 - SELDOM)])
-
-
-def _smooth(name: str, t: Floats, q: Floats, v: Floats, u: Floats, low_pass: Filter) -> Motion:
-    v = low_pass(v)
-    edge = int(low_pass.rate / low_pass.cut)
-    every = max(1, int(low_pass.rate / (2.5 * low_pass.cut)))
-    a = np.gradient(v, 1.0 / low_pass.rate, axis=0)
-    return Motion(name, t, low_pass(q), v, a, low_pass(u), slice(edge, len(t) - edge, every), low_pass)
 
 
 TERMS: Mapping[str, Callable[[Floats, Floats, Floats], Floats]] = {
@@ -219,31 +210,32 @@ def payload_columns(tree: Tree, payload: Payload) -> Ints:
 
 
 def part_of(
-    motions: Sequence[Motion], tree: Tree, base: BaseParameters, payloads: Sequence[Payload],
+    motions: Sequence[Motion], low_pass: Filter, tree: Tree, base: BaseParameters, payloads: Sequence[Payload],
     known: Mapping[str, Floats],
 ) -> Part:  # fmt: skip
-    """The rows of some traces.
+    """The rows of some traces, everything smooth.
 
     Args:
         known: terms that the case declares, effect -> (n,) parameters, which are part of the declared model.
     """
-    parts = list[Part]()
+    parts, used, speeds = list[Part](), low_pass.used, [low_pass(m.v) for m in motions]
     # so slow is at rest, where dry friction is any force up to its size
-    rest = np.maximum(AT_REST * np.max([np.abs(m.v).max(axis=0) for m in motions], axis=0), 1e-9)
-    for m in motions:
-        whole = m.low_pass(regressor(tree, m.q, m.v, m.a))[m.used]
-        felt = m.low_pass(m.a)  # as in the regressor: an inertia of bodies and of a rotor are compared alike
-        way = m.low_pass(np.clip(m.v / (MATTERS * rest), -1.0, 1.0))
-        terms = np.stack([column(m.v, way, felt)[m.used] for column in TERMS.values()], axis=2)
+    rest = np.maximum(AT_REST * np.max([np.abs(v).max(axis=0) for v in speeds], axis=0), 1e-9)
+    for m, v in zip(motions, speeds, strict=True):
+        a = np.gradient(v, 1.0 / low_pass.rate, axis=0)
+        whole = low_pass(regressor(tree, low_pass(m.q), v, a))[used]
+        felt = low_pass(a)  # as in the regressor: an inertia of bodies and of a rotor are compared alike
+        way = low_pass(np.clip(v / (MATTERS * rest), -1.0, 1.0))
+        terms = np.stack([column(v, way, felt)[used] for column in TERMS.values()], axis=2)
         rows = (terms[:, :, None] * np.eye(tree.size)[:, :, None]).reshape(len(whole), tree.size, -1)
         weight, carried = _payloads(whole, tree, payloads, m.trace)
-        torque = m.torque[m.used] * known.get("input_gain", np.ones(tree.size))
-        missing = torque - whole @ tree.inertial.ravel() - m.v[m.used] * tree.damping - weight
+        torque = low_pass(m.torque)[used] * known.get("input_gain", np.ones(tree.size))
+        missing = torque - whole @ tree.inertial.ravel() - v[used] * tree.damping - weight
         for k, name in enumerate(TERMS):
             missing -= terms[:, :, k] * known.get(name, 0.0)
-        x, live = np.concatenate([whole[:, :, base.kept], rows, *carried], axis=2), np.abs(m.v[m.used]) > rest
+        x, live = np.concatenate([whole[:, :, base.kept], rows, *carried], axis=2), np.abs(v[used]) > rest
         trace = np.full(len(whole), len(parts), dtype=np.int64)
-        parts.append(Part(x, missing, live.astype(np.float64), trace, m.t[m.used], torque))
+        parts.append(Part(x, missing, live.astype(np.float64), trace, m.t[used], torque))
     return parts[0].beside(*parts[1:])
 
 

@@ -43,11 +43,6 @@ class _Line:
         return self.left**2 < (1.0 - MOST) * self.without**2
 
     @property
-    def is_scaled(self) -> bool:
-        """Whether the torque is another multiple of the model's, which explains most of what a multiple of 1 leaves."""
-        return bool(self.theta[0] > 0.0) and self.left**2 < MATTERS * self.at_one**2
-
-    @property
     def is_reversed(self) -> bool:
         """Whether it follows the model's with the other sign, and no friction would have to push."""
         slope, *friction = self.theta[:3] + SURE * self.errors[:3] * [1.0, -1.0, -1.0]
@@ -89,8 +84,8 @@ def faulty_columns(
     said = tuple(
         f"Besides friction, {inputs[j]} is {own[j].theta[0]:.3g} times what the declared arm needs: check units, drive "
         "gain and masses before trusting other effects named there; a payload of known mass separates them."
-        for j in sorted(set(own) - out)
-        if own[j].is_scaled
+        for j in sorted(set(own) - out)  # another multiple explains most of what a multiple of 1 leaves
+        if own[j].theta[0] > 0.0 and own[j].left ** 2 < MATTERS * own[j].at_one ** 2
     )
     return tuple(faults), tuple(sorted(out)), said
 

@@ -61,10 +61,6 @@ class Windows:
         few = np.maximum(np.ceil(share * whole).astype(np.int64), MIN_SAMPLES)
         return replace(self, stop=self.start + np.minimum(few, whole))
 
-    def beside(self, others: Windows) -> Windows:
-        """These and others."""
-        return Windows.of([*self, *others])
-
     @property
     def samples(self) -> int:
         """Samples of all windows together."""

@@ -23,6 +23,7 @@ from simgap.diagnosis.thresholds import CUT_OFF, WITHIN
 from simgap.late import njit
 
 ORDER = 6
+_HOP = 5  # samples
 _BLOCK = 50_000  # rows at a time: memory stays small for long records
 
 
@@ -57,6 +58,16 @@ def noise_floor(record: Record) -> Floats:
     spread = np.sqrt(np.mean([np.var(trace.y, axis=0) for trace in record.traces], axis=0))
     floor = 1e-7 * np.maximum(spread, 1e-12)  # data without noise: below the accuracy of the simulation
     return np.maximum(np.sqrt(total / np.maximum(count, 1.0)), floor)
+
+
+def rates(t: Floats, y: Floats) -> Floats:
+    """Rates of a channel over `_HOP` samples, of which noise says less than of one: (n,) s, (n,).
+
+    Not across what lies between two traces.
+    """
+    span = t[_HOP:] - t[:-_HOP]
+    near = (span > 0.0) & (span < 2.0 * np.median(span))
+    return np.asarray((y[_HOP:] - y[:-_HOP])[near] / span[near])
 
 
 def samples_as_one(stretches: Sequence[Floats], most: int) -> float:

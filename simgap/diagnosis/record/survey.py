@@ -184,7 +184,8 @@ def _motion(record: Record, model: SymbolicModel, c: Coordinate) -> Iterator[str
     k = record.measured.index(c.position)
     unit = model.units[c.position]
     turn = full_turn(unit)
-    if turn is not None and _has_sine(model, c.position):
+    sines = {s for e in model.xdot for f in sp.sympify(e).atoms(sp.sin, sp.cos) for s in f.free_symbols}
+    if turn is not None and symbol(c.position) in sines:
         angle = np.concatenate([trace.y[:, k] for trace in record.traces]) * (2 * np.pi / turn)
         a, b = (x - x.mean() for x in (angle, np.sin(angle)))
         if (a @ b) ** 2 >= (1.0 - SELDOM) ** 2 * (a @ a) * (b @ b):
@@ -203,10 +204,6 @@ def _motion(record: Record, model: SymbolicModel, c: Coordinate) -> Iterator[str
                 f"{c.position} moves in one direction only: friction cannot be separated from a bias; let it reverse "
                 "several times"
             )
-
-
-def _has_sine(model: SymbolicModel, name: str) -> bool:
-    return any(symbol(name) in f.free_symbols for e in model.xdot for f in sp.sympify(e).atoms(sp.sin, sp.cos))
 
 
 def _limits(channels: tuple[ChannelLook, ...]) -> Iterator[str]:

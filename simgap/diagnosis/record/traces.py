@@ -95,7 +95,10 @@ def read_traces(
         raise _nothing_left(notes, section)
     record = Record(tuple(traces), measured, inputs)
     held = _held_out(origins, section, strict)
-    warnings = [*said, *_warnings(notes), *_uncommon(tables, found, measured)]
+    extra = [[n for n in names if n not in measured] for names in found]
+    few = "is not used, because other files do not have it"
+    uncommon = [f"{t.file}: {', '.join(e)} {few}" for t, e in zip(tables, extra, strict=True) if e]
+    warnings = [*said, *_warnings(notes), *uncommon]
     if not held and (section.held_out.files or section.held_out.traces):
         warnings.append(
             "the data held out by the case are not among these (or are all of them): a share of these is held out"
@@ -113,7 +116,8 @@ def _file_traces(
     t, epoch = seconds(table, section.time.unit)
     traces, labels, moves = list[Trace](), list[str | None](), False
     counts, turned = np.zeros(len(_COUNTED), dtype=np.int64), set[int]()
-    groups = [(label, rows, concerning(section.masks, table.file, label)) for label, rows in by_label(table)]
+    own = [m for m in section.masks if m.file is None or same_file(m.file, table.file)]
+    groups = [(label, rows, [m for m in own if m.trace in (None, label)]) for label, rows in by_label(table)]
     empty = np.isnan([values_of[c.name] for c in used])
     said = list(_empty_cells(table.file, used, empty, [rows[kept(t[rows], masks)] for _, rows, masks in groups]))
     for label, every, masks in groups:
@@ -242,22 +246,10 @@ def _count(n: int, noun: str) -> str:
     return f"{n} {noun}{'' if n == 1 else 's'}"
 
 
-def _uncommon(tables: Sequence[RawTable], found: Sequence[tuple[str, ...]], measured: tuple[str, ...]) -> Iterator[str]:
-    for table, names in zip(tables, found, strict=True):
-        extra = [n for n in names if n not in measured]
-        if extra:
-            yield f"{table.file}: {', '.join(extra)} is not used, because other files do not have it"
-
-
 _EPOCH_S = 1.0e6  # stamps that start later than this many seconds are counted from their first
 
 _SHORTER = ("ms", "us", "ns")
 """Units that loggers write, from the longest."""
-
-
-def concerning(masks: Sequence[Mask], file: str, trace: str | None) -> list[Mask]:
-    """The masks that are about a trace of a file."""
-    return [m for m in masks if (m.file is None or same_file(m.file, file)) and m.trace in (None, trace)]
 
 
 def same_file(wanted: str, file: str) -> bool:
@@ -371,8 +363,10 @@ def split(
     """
     if not np.any(np.diff(t) > 0.0):
         return [], (0, 0, 0, 1, t.size), set()
-    block, unwrapped = _unwrapped(t, block, turns)  # before repeats are averaged: a mean across a wrap is neither side
-    rows = t.size
+    steps, unwrapped, block, rows = np.diff(t), set[int](), block.copy(), t.size
+    for j, (turn, wrapped) in turns.items():  # before repeats are averaged: a mean across a wrap is neither side
+        block[:, j], jumped = unwrap(block[:, j], steps, float(np.median(steps[steps > 0.0])), turn, wrapped)
+        unwrapped |= {j} if jumped else set()
     t, first, alike = np.unique(t, return_index=True, return_counts=True)
     block = np.add.reduceat(block, first, axis=0) / alike[:, None]  # one row for each stamp, the mean of those it has
     inside = kept(t, masks)
@@ -384,13 +378,3 @@ def split(
     short_rows = t.size - masked - sum(map(len, long))
     counts = (rows - t.size, masked, gaps, len(every) - len(long), short_rows)
     return [(t[p], block[p]) for p in long], counts, unwrapped
-
-
-def _unwrapped(t: Floats, block: Floats, turns: Mapping[int, tuple[float, bool | None]]) -> tuple[Floats, set[int]]:
-    steps = np.diff(t)
-    typical = float(np.median(steps[steps > 0.0]))
-    straight, changed = block.copy(), set()
-    for j, (turn, wrapped) in turns.items():
-        straight[:, j], jumped = unwrap(block[:, j], steps, typical, turn, wrapped)
-        changed |= {j} if jumped else set()
-    return straight, changed

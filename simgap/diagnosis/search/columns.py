@@ -80,13 +80,10 @@ class Columns:
 
     def leads_out(self, problem: Problem, within: Mapping[str, tuple[float, float]]) -> bool:
         """Whether its factors move a channel whose readings lie within its range out of it."""
-        for j, name in enumerate(problem.model.measured):
-            low, high = within.get(name, (-np.inf, np.inf))
-            ends = np.array([np.nanmin(problem.y[:, j]), np.nanmax(problem.y[:, j])])
-            inside, moved = (bool(np.all((low <= e) & (e <= high))) for e in (ends, np.sort(self.y[j] * ends)))
-            if inside and not moved:
-                return True
-        return False
+        low, high = np.array([within.get(name, (-np.inf, np.inf)) for name in problem.model.measured]).T
+        ends = np.array([np.nanmin(problem.y, axis=0), np.nanmax(problem.y, axis=0)])
+        inside, moved = (np.all((low <= e) & (e <= high), axis=0) for e in (ends, self.y * ends))
+        return bool(np.any(inside & ~moved))
 
     def beside(self, others: Sequence[Columns]) -> Columns:
         """The same, saying what else would explain the data: of a linear plant inputs and readings scale alike."""
@@ -256,8 +253,7 @@ def _options(problem: Problem) -> Iterator[Columns]:
     """Signs, units that are smaller than the declared one, larger ones, exchanged columns: likelier ones first."""
     names, inputs = problem.model.measured, problem.model.model.input_names
     units = problem.model.model.units
-    k, m = len(names), len(inputs)
-    ones, same = (np.ones(k), np.ones(m)), (tuple(range(k)), tuple(range(m)))
+    ones, same = (np.ones(len(names)), np.ones(len(inputs))), (tuple(range(len(names))), tuple(range(len(inputs))))
 
     def scaled(which: list[int], of_input: bool, factor: float, finding: RecordingFault, words: str = "") -> Columns:
         y, u = ones[0].copy(), ones[1].copy()
@@ -273,10 +269,10 @@ def _options(problem: Problem) -> Iterator[Columns]:
             for words, factor in _MISTAKEN.get(units[name.split(", ")[0]], _THOUSANDS):
                 if (factor > 1.0) is larger:
                     yield scaled(which, of_input, factor, WrongUnit().of(name, words, factor), f"{name} in {words}")
-    for i, j in itertools.combinations(range(k), 2):
-        yield Columns(SwappedColumns().of(names[i], names[j]), *ones, exchanged(same[0], i, j), same[1])
-    for i, j in itertools.combinations(range(m), 2):
-        yield Columns(SwappedColumns().of(inputs[i], inputs[j]), *ones, same[0], exchanged(same[1], i, j))
+    for of_inputs, each in enumerate((names, inputs)):
+        for i, j in itertools.combinations(range(len(each)), 2):
+            y, u = (exchanged(own, i, j) if which == of_inputs else own for which, own in enumerate(same))
+            yield Columns(SwappedColumns().of(each[i], each[j]), *ones, y, u)
 
 
 def _groups(names: Sequence[str], units: Mapping[str, str]) -> Iterator[tuple[list[int], bool, str]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -51,21 +51,19 @@ def rivals(search: Search, chosen: Explanation) -> list[Rival]:
 def _fitted(search: Search, chosen: Explanation) -> set[Key]:
     """Fit what could stand in the place of the chosen effects, as long as it comes near; the candidates whose
     sensitivities lie in their span."""
-    near = search.near(chosen)
+    near, reached = search.near(chosen), search.reached(chosen)
     for member in chosen.members:
         base = search.without(chosen, member)
         near.joined(base, chosen.keys)
         for c in _stand_ins(search, member):
             own = {c.slots[0]: float(chosen.fit.theta[member.slots[0]])}
             near.explain((*base.members, c), with_values(base.fit.theta, own), chosen.fit)
-    null, seen = search.problem.model.null, _Span.around(search, chosen)
-    inside = seen.only([j for j in range(seen.own, len(seen.size)) if seen.holds(range(seen.own), j)])
-    sets = [(inside, *each) for each in _other_sets(chosen, inside)]
-    alike = [(seen, *each) for each in _alike(chosen, seen, null)] if search.reached(chosen) else []
-    for span, members, columns in [*sets, *alike]:
-        theta = _begun(chosen, null, span, members, columns if search.reached(chosen) else [])
+    null, span = search.problem.model.null, _Span.around(search, chosen)
+    inside = span.inside()
+    for members, columns in [*_other_sets(chosen, span, inside), *(_alike(chosen, span, null) if reached else [])]:
+        theta = _begun(chosen, null, span, members, columns if reached else [])
         near.explain(members, theta, chosen.fit, again=True)  # an earlier start may have ended elsewhere
-    return {c.key for c, _ in inside.joining}
+    return {c.key for c in inside.values()}
 
 
 def _stand_ins(search: Search, member: Candidate) -> list[Candidate]:
@@ -88,10 +86,9 @@ def once(listed: Iterable[Rival]) -> list[Rival]:
 
 def _listed(search: Search, chosen: Explanation, spanned: set[Key]) -> list[Rival]:
     close = [e for e in search.sound() if e.keys != chosen.keys and e.bic < chosen.bic + BIC_GAIN]
-    close.sort(key=lambda e: (e.count, e.bic))
     kept: list[Explanation] = [chosen]
     found = []
-    for e in close:
+    for e in sorted(close, key=lambda e: (e.count, e.bic)):
         if any(other.keys <= e.keys for other in kept):
             continue
         kept.append(e)
@@ -104,9 +101,8 @@ def _spans(search: Search, other: Explanation, chosen: Explanation) -> bool:
     """Whether the chosen effects lie in the span of another set's: one with a kink has no direction away from its null.
 
     On a command of one sign a dead zone is a bias."""
-    span = _Span.around(search, other)
-    inside = {c.key for n, (c, _) in enumerate(span.joining, span.own) if span.holds(range(span.own), n)}
-    return chosen.keys <= inside | other.keys
+    inside = _Span.around(search, other).inside()
+    return chosen.keys <= {c.key for c in inside.values()} | other.keys
 
 
 _Set = tuple[tuple[Candidate, ...], list[int]]
@@ -135,11 +131,10 @@ class _Span:
         kept = [*range(seen.own), *(j for *_, j in single)]
         return _Span(seen.own, tuple((c, start) for c, start, _ in single), gram[np.ix_(kept, kept)], size[kept])
 
-    def only(self, joining: Sequence[int]) -> _Span:
-        """The same with some of the candidates, by their columns."""
-        kept = [*range(self.own), *joining]
-        pairs = tuple(self.joining[j - self.own] for j in joining)
-        return _Span(self.own, pairs, self.gram[np.ix_(kept, kept)], self.size[kept])
+    def inside(self) -> dict[int, Candidate]:
+        """Candidates whose column lies in the span of the chosen effects', by that column."""
+        own = range(self.own)
+        return {j: c for j, (c, _) in enumerate(self.joining, self.own) if self.holds(own, j)}
 
     def holds(self, among: Sequence[int], j: int) -> bool:
         """Whether column j lies in the span of others."""
@@ -147,10 +142,9 @@ class _Span:
 
     def share(self, among: Sequence[int], gone: Sequence[int], away: Floats) -> float:
         """Share of what steps `away` along `gone` do (of its square) that steps along `among` can do."""
-        step = away * self.size[gone]
-        moved = self.gram[np.ix_(among, gone)] @ step
-        weights = np.linalg.lstsq(self.gram[np.ix_(among, among)], moved, rcond=1e-9)[0]
-        return float(weights @ moved) / max(float(step @ self.gram[np.ix_(gone, gone)] @ step), 1e-300)
+        step, back = away * self.size[gone], self.instead(among, gone, away) * self.size[among]
+        whole = float(step @ self.gram[np.ix_(gone, gone)] @ step)
+        return float(back @ self.gram[np.ix_(among, gone)] @ step) / max(whole, 1e-300)
 
     def instead(self, among: Sequence[int], gone: Sequence[int], away: Floats) -> Floats:
         """Steps along `among` that do what steps `away` along `gone` do."""
@@ -163,17 +157,15 @@ def _columns(chosen: Explanation) -> list[list[int]]:
     return [[j for j, k in enumerate(chosen.fit.slots) if k in c.slots] for c in chosen.members]
 
 
-def _other_sets(chosen: Explanation, span: _Span) -> list[_Set]:
+def _other_sets(chosen: Explanation, span: _Span, inside: Mapping[int, Candidate]) -> list[_Set]:
     """Other sets of the same size that span what the chosen one does; those with two effects replaced or more first,
     since single replacements were fitted already."""
-    first = span.own
-    joining = ((c, [first + n]) for n, (c, _) in enumerate(span.joining))
-    pool = [*zip(chosen.members, _columns(chosen), strict=True), *joining]
+    pool = [*zip(chosen.members, _columns(chosen), strict=True), *((c, [j]) for j, c in inside.items())]
     sets: list[_Set] = []
     for picked in itertools.combinations(pool, len(chosen.members)):
         members = tuple(c for c, _ in picked)
         directions = [j for _, own in picked for j in own]
-        others = [j for j in range(first) if j not in directions]
+        others = [j for j in range(span.own) if j not in directions]
         if others and all(span.holds(directions, j) for j in others):
             sets.append((members, directions))
     sets.sort(key=lambda s: len({c.key for c in s[0]} - chosen.keys) == 1)
@@ -187,13 +179,10 @@ def _alike(chosen: Explanation, span: _Span, null: Floats) -> list[_Set]:
     for member, gone in zip(chosen.members, _columns(chosen), strict=True):
         rest = tuple(c for c in chosen.members if c is not member)
         kept = [j for j in range(span.own) if j not in gone]
-        near: list[tuple[float, _Set]] = []
-        for n, (c, _) in enumerate(span.joining):
-            directions = [*kept, span.own + n]
-            share = span.share(directions, gone, _away(chosen, gone, null))
-            if share > COLLINEAR**2:
-                near.append((share, ((*rest, c), directions)))
-        sets += [s for _, s in sorted(near, key=lambda pair: -pair[0])[:WIDTH]]
+        away, joining = _away(chosen, gone, null), {j: c for j, (c, _) in enumerate(span.joining, span.own)}
+        shares = {j: span.share([*kept, j], gone, away) for j in joining}
+        near = sorted((j for j in joining if shares[j] > COLLINEAR**2), key=lambda j: -shares[j])
+        sets += [((*rest, joining[j]), [*kept, j]) for j in near[:WIDTH]]
     return sets
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simgap.arrays import Floats
+from simgap.arrays import Bools, Floats
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.refit import (
@@ -125,7 +125,7 @@ def fit(
     free = list(slots)
     if not free:
         ends = refit_from_all(problem, theta, x0)
-        chi2, settled = float(np.sum(ends.chi2)), _all_settled(problem, ends.promise, ends.chi2)
+        chi2, settled = float(np.sum(ends.chi2)), not _open(problem, ends.promise, ends.chi2).any()
         return Fit(theta.copy(), ends.x0, (), chi2, np.zeros((0, 0)), (), settled, problem)
     at = _Point(theta.copy(), x0.copy(), window_chi2(problem, theta, x0))
     at, converged = _begun_afresh(problem, at, np.zeros(len(x0))), False
@@ -136,7 +136,7 @@ def fit(
         still = at.chi2 - linear.window_rest  # what the initial states still promise, by the linear problem
         mended = _begun_afresh(problem, at, still)
         if mended.total > at.total - EQUIVALENT_CHI2 * max(1.0, at.total / problem.size):
-            converged = settled and (problem.model.rubs(at.theta) or _all_settled(problem, still, at.chi2))
+            converged = settled and (problem.model.rubs(at.theta) or not _open(problem, still, at.chi2).any())
             break
         at = mended
     limit = tuple(k for k in free if at.theta[k] in (problem.model.lower[k], problem.model.upper[k]))
@@ -215,13 +215,14 @@ def _begun_afresh(problem: Problem, at: _Point, promise: Floats) -> _Point:
     """Windows whose chi^2 stands out, or under dry friction still promise, are refitted from several starts."""
     out = stand_out(problem, at.theta, at.chi2)
     if problem.model.rubs(at.theta):
-        out |= promise > EQUIVALENT_CHI2 * np.maximum(1.0, at.chi2 / problem.counts)
+        out |= _open(problem, promise, at.chi2)
     ends = begun_afresh(problem, at.theta, Refit(at.x0, at.chi2, promise), out)
     return _Point(at.theta, ends.x0, ends.chi2)
 
 
-def _all_settled(problem: Problem, promise: Floats, chi2: Floats) -> bool:
-    return bool(np.all(promise <= EQUIVALENT_CHI2 * np.maximum(1.0, chi2 / problem.counts)))
+def _open(problem: Problem, promise: Floats, chi2: Floats) -> Bools:
+    """Windows (w,) whose initial states still promise something."""
+    return ~np.asarray(promise <= EQUIVALENT_CHI2 * np.maximum(1.0, chi2 / problem.counts))
 
 
 def _clipped(problem: Problem, at: _Point, free: list[int], step: Floats) -> Floats:

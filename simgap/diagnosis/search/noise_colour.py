@@ -22,6 +22,7 @@ from itertools import pairwise
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.diagnosis.record.noise import rates
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.noise_law import Colour, whiten
 from simgap.diagnosis.simulation.problem import Problem
@@ -32,7 +33,6 @@ from simgap.statistics import chi2, fisher
 
 Law = Callable[[Floats], Floats]
 _FIRST = 3  # the initial states of a window take what is slower
-_HOP = 5  # samples apart: noise weighs less
 OWN = 0.8
 """Mean worth of readings: those of an encoder that share its rounding are no noise that remembers."""
 _ASKED = 20  # lags whose correlations are asked together
@@ -68,11 +68,8 @@ def noise_colour(problem: Problem, theta: Floats, x0: Floats) -> tuple[Floats, C
 
 def _motion(problem: Problem, c: int) -> float:
     """Root mean square frequency of what a channel reads, rad/s."""
-    y, t = problem.readings[:, c], problem.t[problem.samples]
-    span = t[_HOP:] - t[:-_HOP]
-    near = (span > 0.0) & (span < 2.0 * np.median(span))
-    rate = ((y[_HOP:] - y[:-_HOP])[near]) / span[near]
-    return float(np.sqrt(np.mean(rate**2) / max(float(np.var(y)), 1e-300)))
+    y = problem.readings[:, c]
+    return float(np.sqrt(np.mean(rates(problem.t[problem.samples], y) ** 2) / max(float(np.var(y)), 1e-300)))
 
 
 def _spectrum(problem: Problem, residual: Floats) -> tuple[Floats, float]:

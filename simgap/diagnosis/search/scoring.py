@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.diagnosis.record.noise import rates
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import Key
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.simulation.sensitivity import Direction, linearise, promised, slot_direction, with_values
+from simgap.diagnosis.simulation.sensitivity import Direction, linearise, promised, slot_direction, step_of, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.effects import EFFECTS
 from simgap.effects.base import Scales, Start, driven_by
@@ -22,6 +24,7 @@ from simgap.model.symbolic import SymbolicModel
 from simgap.units import full_turn
 
 _RESPONSE, _TRIAL = 0.001, 1.0  # of the noise: a small step for derivatives; a finite one where there is a kink
+_AMPLITUDES = (1e-9, 1e2)
 _SECANT = (0.3, 2.0)  # how far from a secant's own size its estimate may be
 
 
@@ -50,13 +53,10 @@ class Starts:
 
 def list_starts(problem: Problem, barred: Collection[Key] = ()) -> Starts:
     """The starts of every candidate that is not barred, at the scales of this record."""
-    model = problem.model.model
-    spacing = problem.spacing
+    model, spacing = problem.model.model, problem.spacing
     commands = dict(zip(model.input_names, np.abs(problem.u).max(axis=0), strict=True))
     items = []
-    for c in problem.model.candidates:
-        if c.key in barred:
-            continue
+    for c in (c for c in problem.model.candidates if c.key not in barred):
         scales = Scales(spacing)
         if c.effect.kind == "input":
             speed = _speed(problem, model.driven[c.on]) if c.on in model.driven else 1.0
@@ -75,14 +75,12 @@ def _speed(problem: Problem, coordinate: str) -> float:
     """Root mean square speed of a coordinate, from its own channel or its position's differences."""
     c, measured = problem.model.model.coordinate(coordinate), problem.model.measured
     if c.velocity in measured:
-        return max(float(np.sqrt(np.mean(problem.y[:, measured.index(c.velocity)] ** 2))), 1e-9)
-    if c.position in measured:
-        hop = 5  # several samples apart: noise weighs less
-        q, t = problem.y[:, measured.index(c.position)], problem.t
-        step = t[hop:] - t[:-hop]
-        v = ((q[hop:] - q[:-hop]) / np.where(step > 0, step, np.inf))[step > 0]
-        return max(float(np.sqrt(np.mean(v**2))), 1e-9)
-    return 1.0
+        v = problem.y[:, measured.index(c.velocity)]
+    elif c.position in measured:
+        v = rates(problem.t, problem.y[:, measured.index(c.position)])
+    else:
+        return 1.0
+    return max(float(np.sqrt(np.mean(v**2))), 1e-9)
 
 
 def visited(problem: Problem, c: Candidate) -> Floats:
@@ -170,9 +168,8 @@ def screen(problem: Problem, at: Fit, steps: dict[int, float], starts: Starts, e
         starts: from `list_starts`.
         exclude: keys of candidates that are not asked.
     """
-    own = [slot_direction(problem, at.theta, k, steps[k]) for k in at.slots]
+    directions = [slot_direction(problem, at.theta, k, steps[k]) for k in at.slots]
     asked: list[tuple[Candidate, Start, tuple[int, ...]]] = []
-    directions = list(own)
     for index, (c, start) in enumerate(starts.items):
         if c.key in exclude:
             continue
@@ -182,7 +179,7 @@ def screen(problem: Problem, at: Fit, steps: dict[int, float], starts: Starts, e
     linear = linearise(problem, at.theta, at.x0, directions)
     seen = [it for it in asked if linear.visible[list(it[2])].any()]
     unseen = frozenset(c.key for c, _, _ in asked) - {c.key for c, _, _ in seen}
-    return Screen(at, len(own), tuple(seen), linear.gram, linear.gradient, linear.rest, unseen)
+    return Screen(at, len(at.slots), tuple(seen), linear.gram, linear.gradient, linear.rest, unseen)
 
 
 def score(seen: Screen) -> list[Score]:
@@ -230,20 +227,9 @@ def small_amplitude(problem: Problem, at: Fit, c: Candidate, start: Start, index
     if start.amplitude is not None:
         return start.amplitude
     if index not in starts.amplitudes:
-        wanted = _TRIAL if _kinked(problem, c, start) else _RESPONSE
-        part, few = problem.some(6)
-        x0, amplitude = at.x0[few], 1e-4
-        base = part.residuals(at.theta, x0)
-        for _ in range(4):
-            moved = part.residuals(column(at.theta, c, start, 0, amplitude).away, x0)
-            size = float(np.sqrt(np.mean(np.minimum(np.abs(moved - base), 1e6) ** 2)))
-            if size > 0.0 and 0.2 < size / wanted < 5.0:
-                break
-            amplitude = float(np.clip(amplitude * wanted / max(size, 1e-10), 1e-9, 1e2))
-        starts.amplitudes[index] = amplitude
+        unit, model = start.point([1.0] * start.size), problem.model.model
+        turns = not c.of_recording and c.effect.surfaces(model, c.on, unit)  # what it does turns round somewhere
+        wanted = _TRIAL if turns else _RESPONSE
+        (part, few), way = problem.some(6), partial(column, at.theta, c, start, 0)
+        starts.amplitudes[index] = step_of(part, at.theta, at.x0[few], way, wanted, _AMPLITUDES, 4)
     return starts.amplitudes[index]
-
-
-def _kinked(problem: Problem, c: Candidate, start: Start) -> bool:
-    """Whether what the effect does turns round somewhere."""
-    return not c.of_recording and bool(c.effect.surfaces(problem.model.model, c.on, start.point([1.0] * start.size)))

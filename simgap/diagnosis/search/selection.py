@@ -55,14 +55,9 @@ def choose(options: Iterable[Explanation]) -> Explanation | None:
 def by_place(e: Explanation) -> tuple[object, ...]:
     """Of sets that predict the same: what stands first in the library, then ratios nearest to what is declared."""
     slots = sorted((c.slots[0] for c in e.members), reverse=True)
-    return slots[:1], _departure(e), slots, e.bic
-
-
-def _departure(e: Explanation) -> float:
-    """By how much ratios of true to declared differ from 1: the sum of their logarithms, to a hundredth."""
     pairs = [(p, float(e.fit.theta[k])) for c in e.members for p, k in zip(c.effect.parameters, c.slots, strict=True)]
     ratios = [abs(v) for p, v in pairs if p.symbol == "ratio" and p.null == 1.0 and v != 0.0]
-    return round(sum(abs(math.log(r)) for r in ratios), 2)
+    return slots[:1], round(sum(abs(math.log(r)) for r in ratios), 2), slots, e.bic  # their logarithms, to a hundredth
 
 
 def select(search: Search, base: Fit, most: int) -> Explanation:
@@ -213,10 +208,8 @@ class Subset:
     left: float
 
 
-@dataclass(frozen=True)
-class _Partial:
-    picks: tuple[int, ...]
-    drop: float
+_Partial = tuple[tuple[int, ...], float]
+"""Which of the candidates that are asked, and the drop of chi^2 that the linear problem promises of them."""
 
 
 def best_subsets(seen: Screen, size: int) -> list[Subset]:
@@ -226,10 +219,10 @@ def best_subsets(seen: Screen, size: int) -> list[Subset]:
     """
     gram, scale = scaled(seen.gram)
     gradient = seen.gradient / scale
-    kept = [_Partial((), 0.0)]
+    kept: list[_Partial] = [((), 0.0)]
     for _ in range(size):
-        kept = _distinct(seen, [wider for p in kept for wider in _with_one_more(seen, gram, gradient, p)])
-    found = [_subset(seen, gram, gradient, scale, p) for p in kept]
+        kept = _distinct(seen, [wider for picks, _ in kept for wider in _with_one_more(seen, gram, gradient, picks)])
+    found = [_subset(seen, gram, gradient, scale, *p) for p in kept]
     return sorted((s for s in found if s is not None), key=lambda s: s.left)
 
 
@@ -237,61 +230,61 @@ def _columns(seen: Screen, picks: tuple[int, ...]) -> list[int]:
     return [*range(seen.own), *(j for k in picks for j in seen.asked[k][2])]
 
 
-def _with_one_more(seen: Screen, gram: Floats, gradient: Floats, p: _Partial) -> list[_Partial]:
+def _with_one_more(seen: Screen, gram: Floats, gradient: Floats, picks: tuple[int, ...]) -> list[_Partial]:
     """One more effect in all ways."""
-    have = _columns(seen, p.picks)
+    have = _columns(seen, picks)
     inner = gram[np.ix_(have, have)] + _RIDGE * np.eye(len(have))
     weights = np.linalg.solve(inner, np.column_stack([gram[have], gradient[have]]))
     rest = gram - gram[:, have] @ weights[:, :-1]
     pull = gradient - gram[:, have] @ weights[:, -1]
     whole = float(gradient[have] @ weights[:, -1])
-    taken = {seen.asked[k][0].key for k in p.picks}
-    out = []
+    taken = {seen.asked[k][0].key for k in picks}
+    out = list[_Partial]()
     for k, (c, _, columns) in enumerate(seen.asked):
         own = [j for j in columns if rest[j, j] > _LEFT]
         if c.key in taken or c.effect.contains is not None or not own:
             continue
         block = rest[np.ix_(own, own)] + _RIDGE * np.eye(len(own))
-        out.append(_Partial((*p.picks, k), whole + float(pull[own] @ np.linalg.solve(block, pull[own]))))
+        out.append(((*picks, k), whole + float(pull[own] @ np.linalg.solve(block, pull[own]))))
     return out
 
 
 def _distinct(seen: Screen, options: list[_Partial]) -> list[_Partial]:
     """The best ones, one of those that promise exactly the same (what stands first in the library), one of each set."""
 
-    def place(p: _Partial) -> tuple[int, ...]:
-        return tuple(sorted((seen.asked[k][0].slots[0] for k in p.picks), reverse=True))
+    def place(picks: tuple[int, ...]) -> tuple[int, ...]:
+        return tuple(sorted((seen.asked[k][0].slots[0] for k in picks), reverse=True))
 
-    kept: list[_Partial] = []
-    sets: set[frozenset[tuple[str, str]]] = set()
-    for p in sorted(options, key=lambda p: -p.drop):
-        keys = frozenset(seen.asked[k][0].key for k in p.picks)
-        left = seen.rest - p.drop
-        same = bool(kept) and abs(seen.rest - kept[-1].drop - left) <= SAME_PROMISE * max(abs(left), 1.0)
-        if keys in sets or (same and place(p) >= place(kept[-1])):
+    kept, sets = list[_Partial](), set[frozenset[Key]]()
+    for picks, drop in sorted(options, key=lambda p: -p[1]):
+        keys = frozenset(seen.asked[k][0].key for k in picks)
+        same = bool(kept) and abs(kept[-1][1] - drop) <= SAME_PROMISE * max(abs(seen.rest - drop), 1.0)
+        if keys in sets or (same and place(picks) >= place(kept[-1][0])):
             continue
         if same:
             kept.pop()
         elif len(kept) == _KEPT:
             break
-        kept.append(p)
+        kept.append((picks, drop))
         sets.add(keys)
     return kept
 
 
-def _subset(seen: Screen, gram: Floats, gradient: Floats, scale: Floats, p: _Partial) -> Subset | None:
+def _subset(
+    seen: Screen, gram: Floats, gradient: Floats, scale: Floats, picks: tuple[int, ...], drop: float
+) -> Subset | None:
     """The set with where its fit begins; None if an effect of it is not physical there."""
-    have = _columns(seen, p.picks)
+    have = _columns(seen, picks)
     inner = gram[np.ix_(have, have)] + _RIDGE * np.eye(len(have))
     step = np.linalg.solve(inner, gradient[have]) / scale[have]
     values = {k: float(seen.at.theta[k] + s) for k, s in zip(seen.at.slots, step[: seen.own], strict=True)}
     by_column = dict(zip(have, step, strict=True))
-    for c, start, columns in (seen.asked[k] for k in p.picks):
+    for c, start, columns in (seen.asked[k] for k in picks):
         begun = begun_at(c, start, np.array([by_column[j] for j in columns]))
         if begun is None:
             return None
         values |= begun
-    return Subset(tuple(seen.asked[k][0] for k in p.picks), values, seen.rest - p.drop)
+    return Subset(tuple(seen.asked[k][0] for k in picks), values, seen.rest - drop)
 
 
 def leap(search: Search, base: Fit, most: int) -> None:
@@ -361,10 +354,8 @@ def merge(search: Search, found: Explanation) -> None:
 
 def _pays(search: Search, size: int, most: int) -> bool:
     """Whether the linear problem around the best smaller set promises `MOST`, with one effect more or several."""
-    for e in _best_of_size(search, size - 1, 1):
-        left = [s.left for more in range(1, most - size + 2) for s in best_subsets(search.screen(e), more)[:1]]
-        return min(left, default=np.inf) < MOST * e.fit.chi2
-    return False
+    smaller, more = _best_of_size(search, size - 1, 1), range(1, most - size + 2)
+    return any(s.left < MOST * e.fit.chi2 for e in smaller for k in more for s in best_subsets(search.screen(e), k)[:1])
 
 
 def _best_of_size(search: Search, size: int, most: int) -> list[Explanation]:

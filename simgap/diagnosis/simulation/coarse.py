@@ -62,18 +62,12 @@ def _moved(problem: Problem, k: int) -> float:
     """RMS change over the noise of what the declared model predicts, where inputs are held at their means over k
     samples; that of the worst channel."""
     part, _ = problem.some()
-    x0, theta = initial_states(part), problem.model.null
-    change = part.misses(theta, x0) - replace(part, u=_held(problem, k), memo=Memo()).misses(theta, x0)
-    return float(np.sqrt(np.max(np.mean(np.square(change), axis=0), initial=0.0)))
-
-
-def _held(problem: Problem, k: int) -> Floats:
-    """Inputs at their means over blocks of k samples, (n, m)."""
-    out = np.empty_like(problem.u)
+    x0, theta, u = initial_states(part), problem.model.null, np.empty_like(problem.u)
     for a, b in itertools.pairwise(problem.edges.tolist()):
         means, starts = _means(problem.t[a:b], problem.u[a:b], k)
-        out[a:b] = np.repeat(means, np.diff([*starts.tolist(), b - a]), axis=0)
-    return out
+        u[a:b] = np.repeat(means, np.diff([*starts.tolist(), b - a]), axis=0)
+    change = part.misses(theta, x0) - replace(part, u=u, memo=Memo()).misses(theta, x0)
+    return float(np.sqrt(np.max(np.mean(np.square(change), axis=0), initial=0.0)))
 
 
 def _means(t: Floats, u: Floats, k: int) -> tuple[Floats, Ints]:
@@ -106,7 +100,9 @@ def _blocks(problem: Problem, k: int) -> Problem:
     parts = [_thinned(problem, a, b, k, mean) for a, b in itertools.pairwise(problem.edges.tolist())]
     firsts = np.cumsum([0, *(len(part[0]) for part in parts[:-1])])
     t, y, u, weight, used = (np.ascontiguousarray(np.concatenate(each)) for each in zip(*parts, strict=True))
-    windows = _mapped(problem.windows, problem.firsts, firsts, k)
+    old, new = problem.firsts[problem.windows.trace], firsts[problem.windows.trace]
+    start, stop = (new + -(-(edge - old) // k) for edge in (problem.windows.start, problem.windows.stop))
+    windows = Windows(start, stop, problem.windows.trace).pick(stop - start >= MIN_SAMPLES)
     sigma, colour = problem.sigma / np.sqrt(k) if mean else problem.sigma, problem.colour
     if colour is not None:
         colour, spread = colour.of_blocks(k, mean)
@@ -130,10 +126,3 @@ def _thinned(problem: Problem, a: int, b: int, k: int, mean: bool) -> tuple[Floa
     middle = (total[at + reach + 1] - total[at - reach]) / (2 * reach + 1)[:, None]
     kept = (lost[at + reach + 1] == lost[at - reach]).astype(np.float64)
     return t[at], middle, held, weight[at], kept
-
-
-def _mapped(windows: Windows, old: Ints, new: Ints, k: int) -> Windows:
-    """The windows over the blocks; those that become too short are dropped."""
-    old, new = old[windows.trace], new[windows.trace]
-    start, stop = (new + -(-(edge - old) // k) for edge in (windows.start, windows.stop))
-    return Windows(start, stop, windows.trace).pick(stop - start >= MIN_SAMPLES)

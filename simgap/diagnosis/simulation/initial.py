@@ -111,9 +111,7 @@ def at_rest(problem: Problem, guess: Floats) -> Floats:
     for c in problem.model.model.coordinates:
         if c.position in problem.model.measured:
             column = problem.y[:, problem.model.measured.index(c.position)]
-            stops = np.minimum(problem.windows.start + _STILL, problem.windows.stop)
-            spans = zip(problem.windows.start, stops, strict=True)
-            x0[:, names.index(c.position)] = [np.mean(column[a:b]) for a, b in spans]
+            x0[:, names.index(c.position)] = [np.mean(column[a : min(a + _STILL, b)]) for a, b, _ in problem.windows]
     return x0
 
 
@@ -125,11 +123,7 @@ def _position_of(model: SymbolicModel) -> dict[str, str]:
 
 def _best_angle(problem: Problem, x0: Floats, i: int) -> Floats:
     """Of evenly spread values of state i, the one with the smallest residual in each window."""
-    best, least = x0.copy(), np.full(len(x0), np.inf)
-    for angle in np.linspace(-np.pi, np.pi, _HEADINGS, endpoint=False):
-        tried = x0.copy()
-        tried[:, i] = angle
-        size = sums(problem, problem.residuals(problem.model.null, tried))
-        better = size < least
-        best[better], least[better] = tried[better], size[better]
-    return best
+    angles, others = np.linspace(-np.pi, np.pi, _HEADINGS, endpoint=False), np.arange(x0.shape[1]) != i
+    tries = [np.where(others, x0, angle) for angle in angles]
+    best = np.argmin([sums(problem, problem.residuals(problem.model.null, tried)) for tried in tries], axis=0)
+    return np.where(others, x0, angles[best][:, None])

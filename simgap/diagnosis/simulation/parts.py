@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from simgap.arrays import Floats
-from simgap.diagnosis.record.folds import Span, cut_at, cut_in_folds, left_out
+from simgap.diagnosis.record.folds import Span, Windows, cut_at, cut_in_folds, left_out
 from simgap.diagnosis.record.noise import worth
 from simgap.diagnosis.record.record import MIN_SAMPLES, Record
 from simgap.diagnosis.result import DiagnosisSettings
@@ -45,7 +45,7 @@ class Parts:
     @property
     def every(self) -> Problem:
         """The windows of all folds."""
-        return self.known.on(self.known.windows.beside(self.confirm.windows))
+        return self.known.on(Windows.of([*self.known.windows, *self.confirm.windows]))
 
     def past_the_unknown(self, reach_s: float) -> Parts:
         """The same without the samples on which commands from before the record may still act."""

@@ -7,7 +7,7 @@ import math
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -21,7 +21,6 @@ from simgap.diagnosis.simulation.noise_law import Colour, limited, whiten
 from simgap.diagnosis.simulation.simulate import simulate
 from simgap.diagnosis.simulation.supermodel import SuperModel
 from simgap.diagnosis.thresholds import BRIEF_S
-from simgap.late import njit
 
 T = TypeVar("T")
 Drive = tuple[Floats, Floats, Floats, Floats]
@@ -41,11 +40,11 @@ class Memo:
     def __init__(self) -> None:
         self._kinds = defaultdict[str, dict[bytes, Any]](dict)
 
-    def kept(self, kind: str, key: bytes, make: Callable[[], T]) -> T:
-        """The value of a kind and key, made where it is not among the last few."""
+    def kept(self, kind: str, key: bytes, make: Callable[..., T], *of: Any) -> T:
+        """The value of a kind and key, made of that where it is not among the last few."""
         values = self._kinds[kind]
         if key not in values:
-            values[key] = make()
+            values[key] = make(*of)
             if len(values) > _REMEMBERED:
                 del values[next(iter(values))]
         return values[key]
@@ -101,8 +100,7 @@ class Problem:
     def past_the_unknown(self, reach_s: float) -> Problem:
         """The same problem without the samples on which commands from before the record may still act: they are not
         in it."""
-        begins = enumerate(self.t[self.firsts].tolist())
-        spans = tuple((k, begin, begin + reach_s * (1 - 1e-9)) for k, begin in begins)
+        spans = tuple((k, t, t + reach_s * (1 - 1e-9)) for k, t in enumerate(self.t[self.firsts].tolist()))
         return self.on(left_out(self.windows, self.t, spans))
 
     def before_the_end(self, late_s: float) -> Problem:
@@ -161,7 +159,7 @@ class Problem:
     @property
     def spacing(self) -> float:
         """Median interval of the stamps, s."""
-        return self.memo.kept("spacing", b"", lambda: interval(self.t))
+        return self.memo.kept("spacing", b"", interval, self.t)
 
     @cached_property
     def rows(self) -> Ints:
@@ -211,39 +209,35 @@ class Problem:
                 begin[:, motor] = x0[:, link] + away
         if self.model.remembered:
             begin = np.hstack([begin, self._memories(theta)[w.start]])
-        out = np.empty((int(self.rows[-1]), begin.shape[1]))
+        out, quick = np.empty((int(self.rows[-1]), begin.shape[1])), [train.quick(theta) for train in self.model.trains]
+        step = self.h_max / max(1.0, max(quick, default=0.0) * self.spacing / _TURN)
         simulate(
             *self.model.dynamics.addresses, self.t, *self._drive(theta), self.model.dynamics.constants_at(theta), begin,
-            self.firsts[w.trace], w.start, w.stop, self.rows[:-1], self.model.dynamics.speed, self._step(theta), out,
+            self.firsts[w.trace], w.start, w.stop, self.rows[:-1], self.model.dynamics.speed, step, out,
         )  # fmt: skip
         return np.ascontiguousarray(out[:, : self.model.begun])
-
-    def _step(self, theta: Floats) -> float:
-        """Longest step, s: shorter where a motor against its link is quick."""
-        quick = max((train.quick(theta) for train in self.model.trains), default=0.0)
-        return self.h_max / max(1.0, quick * self.spacing / _TURN)
 
     def _memories(self, theta: Floats) -> Floats:
         """The effects' own states at every stamp, (n, h); kept for the last few of their numbers."""
         on = [self.model.model.coordinate(c.on) for c in self.model.remembered]
         slots = [k for c in self.model.remembered for k in c.slots]
-        measure = partial(past.measured_speeds, on, self.model.measured, self.t, self.y, self.firsts)
-        speeds = self.memo.kept("speeds", b"", measure)
-        make = partial(past.memories, self.model.past, theta, self.t, speeds, self.firsts)
-        return self.memo.kept("memories", theta[slots].tobytes(), make)
+        read = self.model.measured, self.t, self.y, self.firsts
+        speeds = self.memo.kept("speeds", b"", past.measured_speeds, on, *read)
+        own = self.model.past, theta, self.t, speeds, self.firsts
+        return self.memo.kept("memories", theta[slots].tobytes(), past.memories, *own)
 
     def _twists(self, k: int, theta: Floats) -> Floats:
         """Twist and its rate of a motor against its link at every stamp, (n, 2); kept for the last few laws."""
         slots = [*self.model.trains[k].slots, *self.model.input_slots]
-        return self.memo.kept(f"twists of {k}", theta[slots].tobytes(), partial(self._make_twists, k, theta))
+        return self.memo.kept(f"twists of {k}", theta[slots].tobytes(), self._make_twists, k, theta)
 
     def _make_twists(self, k: int, theta: Floats) -> Floats:
         train = self.model.trains[k]
         if train.quick(theta) == 0.0:
             return np.zeros((len(self.t), 2))
         on, law = self.model.model.coordinate(train.on), np.array(train.numbers(theta), dtype=np.float64)
-        make = partial(past.measured_link, on, self.model.measured, self.t, self.y, self.firsts)
-        q, v = self.memo.kept(f"link of {k}", b"", make)
+        read = self.model.measured, self.t, self.y, self.firsts
+        q, v = self.memo.kept(f"link of {k}", b"", past.measured_link, on, *read)
         felt = self._felt(theta, train.inputs)
         if train.read_at_motor(theta):
             return past.twists_by_torque(self.t, v, felt, law, self.edges)
@@ -268,27 +262,18 @@ class Problem:
         self.model.read(x, theta, out)
         for fault, column, slot in self.model.reading_faults:
             if theta[slot] != 0.0:
-                own = np.ascontiguousarray(out[:, column])
+                own, t = np.ascontiguousarray(out[:, column]), self.t[self.samples]
+                since = t - np.repeat(self.t[self.firsts[self.windows.trace]], np.diff(self.rows))
                 read, noise = self.readings[:, column], float(self.sigma[column])
-                fault.distort(own, float(theta[slot]), Rows(self._stamps, self._since, self.rows, read, noise))
+                fault.distort(own, float(theta[slot]), Rows(t, since, self.rows, read, noise))
                 out[:, column] = own
         return out
 
-    @cached_property
-    def _stamps(self) -> Floats:
-        """(rows,) s, window after window."""
-        return self.t[self.samples]
-
-    @cached_property
-    def _since(self) -> Floats:
-        """(rows,) s from the first sample of the trace."""
-        return self._stamps - np.repeat(self.t[self.firsts[self.windows.trace]], np.diff(self.rows))
-
     def misses(self, theta: Floats, x0: Floats) -> Floats:
         """(measured - predicted) / sigma, (rows, k); a diverging simulation is cut to a large number."""
-        residual = self.predict(theta, x0)
-        _compare(self.y, self.sigma, self.used, self.samples, residual)
-        return residual
+        with np.errstate(over="ignore", invalid="ignore"):
+            missed = (self.readings - self.predict(theta, x0)) / self.sigma
+        return self._used * np.fmax(np.fmin(missed, FARTHEST), -FARTHEST)  # what is no number is far
 
     def residuals(self, theta: Floats, x0: Floats) -> Floats:
         """Misses made white by the law of the noise, (rows, k): of a perfect model they are independent, of size 1."""
@@ -306,47 +291,23 @@ class Problem:
     def _drive(self, theta: Floats) -> Drive:
         """Level, excess, delay and lag of the inputs; kept while the parameters of the inputs stay the same."""
         key = theta[list(self.model.input_slots)].tobytes()
-        return self.memo.kept("drives", key, partial(self._make_drive, theta))
+        return self.memo.kept("drives", key, self._make_drive, theta)
 
     def _make_drive(self, theta: Floats) -> Drive:
         level = np.empty_like(self.u)
         self.model.static(self.u, theta, level)
         delay, lag = np.array(self.model.memory(theta), dtype=np.float64).reshape(2, -1)
-        self._bring_forward(level, delay)
-        excess = np.zeros_like(level)
-        for c in np.flatnonzero(lag > 0.0):
-            excess[:, c] = lagged_excess(self.t, np.ascontiguousarray(level[:, c]), self.edges, float(lag[c]))
-        return level, excess, delay, lag
-
-    def _bring_forward(self, level: Floats, delay: Floats) -> None:
-        """Delays (m,) below zero become whole samples by which an input (n, m) is brought forward, and a rest >= 0."""
-        for c in np.flatnonzero(delay < 0.0):
+        for c in np.flatnonzero(delay < 0.0):  # whole samples by which it is brought forward, and a rest above 0
             ahead = int(np.ceil(-delay[c] / self.spacing - 1e-9))
             delay[c] += ahead * self.spacing
             for a, b in itertools.pairwise(self.edges):
                 level[a:b, c] = level[np.minimum(np.arange(a, b) + ahead, b - 1), c]
-
-
-@njit("float64[::1](float64[::1], float64[::1], int64[::1], float64)", cache=True)
-def lagged_excess(t: Floats, level: Floats, edges: Ints, lag: float) -> Floats:
-    """Lagged input minus its target at each stamp, exactly, for inputs held between stamps: (n,).
-
-    z' = (u - z) / T gives e_k = e_{k-1} exp(-dt/T) + u_{k-1} - u_k; each trace starts settled.
-    """
-    excess = np.zeros_like(level)
-    for trace in range(edges.size - 1):
-        for k in range(edges[trace] + 1, edges[trace + 1]):
-            excess[k] = excess[k - 1] * math.exp(-(t[k] - t[k - 1]) / lag) + level[k - 1] - level[k]
-    return excess
-
-
-@njit("void(float64[:, ::1], float64[::1], float64[:, ::1], int64[::1], float64[:, ::1])", cache=True)
-def _compare(y: Floats, sigma: Floats, used: Floats, samples: Ints, predicted: Floats) -> None:
-    """Predictions of samples become (measured - predicted) / sigma, in place; what diverged a large number."""
-    for i, k in enumerate(samples):
-        for j in range(predicted.shape[1]):
-            r = (y[k, j] - predicted[i, j]) / sigma[j]
-            predicted[i, j] = used[k, j] * (min(max(r, -FARTHEST), FARTHEST) if r == r else FARTHEST)
+        excess = np.zeros_like(level)
+        aim = level - np.repeat(level[self.firsts], np.diff(self.edges), axis=0)  # each trace starts settled
+        for c in np.flatnonzero(lag > 0.0):
+            rate = np.full(len(aim), 1.0 / lag[c])
+            excess[:, c] = past.followed(self.t, rate * aim[:, c], rate, self.edges) - aim[:, c]
+        return level, excess, delay, lag
 
 
 def interval(t: Floats) -> float:

@@ -84,7 +84,7 @@ def begun_afresh(problem: Problem, theta: Floats, best: Refit, which: Bools) -> 
     lost = np.flatnonzero(which)
     if not lost.size:
         return best
-    return _better_at(lost, best, _from_starts(problem.pick(lost), theta, best.x0[lost]))
+    return better(best, _from_starts(problem.pick(lost), theta, best.x0[lost]), lost)
 
 
 def _from_starts(problem: Problem, theta: Floats, x0: Floats) -> Refit:
@@ -117,20 +117,16 @@ def _from_here(problem: Problem, theta: Floats, x0: Floats) -> Refit:
     at = refit(replace(part, usual=None), theta, x0[bad]).x0
     for times in _LADDER:
         at = refit(replace(part, usual=times * part.spread * part.sigma), theta, at).x0
-    return _better_at(bad, best, refit(part, theta, at, useless=best.chi2[bad]))
+    return better(best, refit(part, theta, at, useless=best.chi2[bad]), bad)
 
 
-def _better_at(which: Ints, best: Refit, ends: Refit) -> Refit:
-    """The same with the ends of some windows that have a smaller chi^2."""
-    x0, chi2, promise = best.x0.copy(), best.chi2.copy(), best.promise.copy()
-    x0[which], chi2[which], promise[which] = ends.x0, ends.chi2, ends.promise
-    return better(best, Refit(x0, chi2, promise))
-
-
-def better(a: Refit, b: Refit) -> Refit:
-    """Window by window the end with the smaller chi^2."""
-    won = b.chi2 < a.chi2
-    return Refit(np.where(won[:, None], b.x0, a.x0), np.minimum(a.chi2, b.chi2), np.where(won, b.promise, a.promise))
+def better(a: Refit, b: Refit, which: Ints | None = None) -> Refit:
+    """Window by window the end with the smaller chi^2; b: of all windows, or of those `which`."""
+    own = np.arange(len(a.chi2)) if which is None else which
+    won = b.chi2 < a.chi2[own]
+    found = replace(a, x0=a.x0.copy(), chi2=a.chi2.copy(), promise=a.promise.copy())
+    found.x0[own[won]], found.chi2[own[won]], found.promise[own[won]] = b.x0[won], b.chi2[won], b.promise[won]
+    return found
 
 
 def _refit(problem: Problem, theta: Floats, x0: Floats, steps: Floats, most: int, useless: Floats) -> Refit:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -119,16 +120,23 @@ def choose_steps(problem: Problem, theta: Floats, x0: Floats, slots: Iterable[in
     """
     part, few = problem.some()
     target = _JERKED_RESPONSE if problem.model.jerks(theta) else _TARGET_RESPONSE
-    steps, here = dict.fromkeys(slots, _FIRST_STEP), part.residuals(theta, x0[few])
-    for slot in steps:
-        for _ in range(3):
-            away = slot_direction(part, theta, slot, steps[slot]).away
-            response = np.abs(part.residuals(away, x0[few]) - here)
-            size = float(np.sqrt(np.mean(np.minimum(response, 1e6) ** 2)))
-            if size > 0.0 and 0.2 < size / target < 5.0:
-                break
-            steps[slot] = float(np.clip(steps[slot] * target / max(size, 1e-12), *_STEPS))
-    return steps
+    ways = {slot: partial(slot_direction, part, theta, slot) for slot in slots}
+    return {slot: step_of(part, theta, x0[few], way, target, _STEPS, 3) for slot, way in ways.items()}
+
+
+def step_of(
+    part: Problem, theta: Floats, x0: Floats, way: Callable[[float], Direction], target: float,
+    ends: tuple[float, float], tries: int,
+) -> float:  # fmt: skip
+    """The difference step, within these ends, that moves readings by the target (in units of the noise, RMS)."""
+    step, here = _FIRST_STEP, part.residuals(theta, x0)
+    for _ in range(tries):
+        response = np.abs(part.residuals(way(step).away, x0) - here)
+        size = float(np.sqrt(np.mean(np.minimum(response, 1e6) ** 2)))
+        if size > 0.0 and 0.2 < size / target < 5.0:
+            break
+        step = float(np.clip(step * target / max(size, 1e-12), *ends))
+    return step
 
 
 def chunks(problem: Problem) -> Iterator[Ints]:
@@ -169,6 +177,15 @@ def state_columns(
         part, which = problem.on(problem.windows.pick(wild)), np.repeat(wild, np.diff(problem.rows))
         columns[:, which] = state_columns(part, theta, x0[wild], _SHORTER * steps, missed)[1]
     return all_of_them[0], columns
+
+
+def foreseen_variance(known: Floats, ahead: Floats) -> Floats:
+    """Variance of predictions whose errors an initial state moves by `ahead`, (nx, ..., k), over that of the noise.
+
+    The state is estimated from readings that it moves by `known`, (nx, n, k).
+    """
+    own = known.reshape(len(known), -1)
+    return 1.0 + np.einsum("i...,ij,j...->...", ahead, np.linalg.pinv(own @ own.T, rcond=1e-12), ahead)
 
 
 def linearise(problem: Problem, theta: Floats, x0: Floats, directions: Sequence[Direction]) -> Linearised:
@@ -215,6 +232,5 @@ def _orthogonal(states: Floats) -> tuple[Floats, Floats]:
 def with_values(theta: Floats, values: Mapping[int, float]) -> Floats:
     """A copy of theta with some slots changed: (q,) -> (q,)."""
     out = theta.copy()
-    for slot, value in values.items():
-        out[slot] = value
+    out[list(values)] = list(values.values())
     return out

@@ -40,11 +40,6 @@ class Candidate:
     slots: tuple[int, ...]
 
     @property
-    def label(self) -> str:
-        """What people read: effect on target."""
-        return f"{self.effect.name} on {self.on}"
-
-    @property
     def key(self) -> tuple[str, str]:
         """Name and target."""
         return self.effect.name, self.on
@@ -165,11 +160,9 @@ class SuperModel:
         x, speed = np.zeros(self.begun + len(self.remembered)), self.dynamics.speed
         # A weight or a length that is a condition divides the forces: nobody knows of it but that it is not 0.
         u = np.array([float(name in self.model.conditions) for name in self.model.input_names])
-        for v, sign in zip(speed, np.eye(len(speed)), strict=True):
-            up, down = (self.dynamics.derivative(x, u, theta, way * sign)[v] for way in (1.0, -1.0))
-            if abs(up - down) > 1e-12:
-                return True
-        return False
+        ways = np.eye(len(speed)), -np.eye(len(speed))
+        up, down = ([self.dynamics.derivative(x, u, theta, s)[speed[j]] for j, s in enumerate(way)] for way in ways)
+        return bool(np.any(np.abs(np.subtract(up, down)) > 1e-12))
 
     @cached_property
     def reading_faults(self) -> tuple[tuple[ReadingFault, int, int], ...]:

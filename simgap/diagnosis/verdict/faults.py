@@ -26,7 +26,7 @@ from simgap.diagnosis.search.noise_colour import OWN, memory_left
 from simgap.diagnosis.simulation.noise_law import are_gross
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.simulation.sensitivity import state_columns, state_steps
+from simgap.diagnosis.simulation.sensitivity import foreseen_variance, state_columns, state_steps
 from simgap.diagnosis.thresholds import A_FEW, BRIEF_S, FAR, SEVERAL
 from simgap.diagnosis.verdict.sets import negligible
 from simgap.notation import capitalised, few, from_to, joined
@@ -153,13 +153,12 @@ def _between(trace: Trace, begin: float, end: float) -> Bools:
 
 def _ranges(problem: Problem, slack: Floats) -> tuple[Floats, Floats]:
     """Least and largest readings, inputs and rates of each piece of data (s, 2k + m), further apart by slack."""
-    rows = []
+    low, high = [], []
     for a, b, *_ in merged(problem.windows):
-        rates = _rates(problem.t[a:b], problem.y[a:b])
-        each = [*problem.y[a:b].T, *problem.u[a:b].T, *rates.T]
-        rows.append([(np.min(c, initial=np.inf), np.max(c, initial=-np.inf)) for c in each])
-    table = np.array(rows)
-    return table[:, :, 0] - slack, table[:, :, 1] + slack
+        each = problem.y[a:b], problem.u[a:b], _rates(problem.t[a:b], problem.y[a:b])
+        low.append(np.concatenate([np.min(x, axis=0, initial=np.inf) for x in each]) - slack)
+        high.append(np.concatenate([np.max(x, axis=0, initial=-np.inf) for x in each]) + slack)
+    return np.array(low), np.array(high)
 
 
 def _rates(t: Floats, y: Floats) -> Floats:
@@ -190,9 +189,7 @@ def _leaves(problem: Problem, theta: Floats, states: Floats, left: Span) -> floa
     part = problem.on(Windows(*(np.array([v]) for v in (a, last, which))))
     x0 = states[own : own + 1]
     miss, moved = state_columns(part, theta, x0, state_steps(x0), Problem.misses)
-    fitted = moved[:, : b - a].reshape(len(moved), -1)
-    spread = np.linalg.pinv(fitted @ fitted.T, rcond=1e-12)
-    size = np.sqrt(1.0 + np.einsum("irk,ij,jrk->rk", moved, spread, moved))
+    size = np.sqrt(foreseen_variance(moved[:, : b - a], moved))
     off = np.any(np.abs(miss) > FAR * size, axis=1)[b - a :]
     gone = np.flatnonzero(off[:-1] & off[1:])
     return float(t[b + gone[0]]) if gone.size else end

@@ -21,7 +21,7 @@ from simgap.diagnosis.search.confidence import at_noise, chi2_dof
 from simgap.diagnosis.search.fit import Fit, states_fitted
 from simgap.diagnosis.simulation.noise_law import are_gross, limited
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.simulation.sensitivity import state_columns, state_steps
+from simgap.diagnosis.simulation.sensitivity import foreseen_variance, state_columns, state_steps
 from simgap.diagnosis.thresholds import A_FEW, MOST
 from simgap.diagnosis.verdict.score import Errors
 
@@ -207,11 +207,8 @@ def _floor(at: Problem, whole: Problem, theta: Floats, start: Floats) -> Floats:
     steps = state_steps(start)
     back = state_columns(at, theta, start, steps)[1]
     ahead = state_columns(whole, theta, start, steps, Problem.misses)[1][:, whole.rows[1:] - 1]
-    variance = np.ones(ahead.shape[1:])
-    for w, (a, b) in enumerate(itertools.pairwise(at.rows)):
-        own = back[:, a:b].reshape(len(steps), -1)
-        covariance = np.linalg.pinv(own @ own.T, rcond=1e-12)
-        variance[w] += np.einsum("ik,ij,jk->k", ahead[:, w], covariance, ahead[:, w])
+    pieces = enumerate(itertools.pairwise(at.rows))
+    variance = [foreseen_variance(back[:, a:b], ahead[:, w]) for w, (a, b) in pieces]
     return np.asarray(np.sqrt(np.mean(variance, axis=0)) * at.sigma)
 
 
@@ -239,7 +236,8 @@ def concentrated(confirm: Problem, names: Sequence[str], old: HeldOut, new: Held
     rest = [~_touched(h, bad) for h, bad in zip((before, after), worst, strict=True)]
     if not all(r.any() for r in rest):
         return None
-    was, now = (_excess(h, r, after.floor, confirm.sigma) for h, r in zip((before, after), rest, strict=True))
+    squares = [np.mean(h.error[r] ** 2, axis=0) for h, r in zip((before, after), rest, strict=True)]
+    was, now = (float(np.mean(np.maximum(s - after.floor**2, 0.0) / confirm.sigma**2)) for s in squares)
     share = math.sqrt(now / was) if was > 0.0 else 1.0
     medians = (by_channel(confirm, np.median(np.abs(h.error), axis=0)) for h in (before, after))
     return Concentrated(_places(confirm, names, after, worst[1]), float(carried[count - 1]), share, *medians)
@@ -251,17 +249,10 @@ def _touched(h: HorizonError, bad: Bools) -> Bools:
     return np.any([(h.begin <= b) & (h.end >= a) for a, b in spans], axis=0)
 
 
-def _excess(h: HorizonError, which: Bools, floor: Floats, sigma: Floats) -> float:
-    """Mean square above the floor, of some of the predictions, in units of the noise."""
-    return float(np.mean(np.maximum(np.mean(h.error[which] ** 2, axis=0) - floor**2, 0.0) / sigma**2))
-
-
 def _places(confirm: Problem, names: Sequence[str], after: HorizonError, bad: Bools) -> Stretches:
     """What most of the bad predictions around have in common, as stretches of time."""
-    change = np.zeros(len(confirm.t) + 1)
-    np.add.at(change, after.begin[bad], 1.0)
-    np.add.at(change, after.end[bad] + 1, -1.0)
-    cover = np.cumsum(change)[:-1]
+    begun, ended = (np.bincount(at, minlength=len(confirm.t) + 1) for at in (after.begin[bad], after.end[bad] + 1))
+    cover = np.cumsum(begun - ended)[:-1]
     out = []
     for a, b in runs(cover != 0.0):
         core = a + np.flatnonzero(cover[a:b] > 0.5 * cover[a:b].max())

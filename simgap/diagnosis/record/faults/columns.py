@@ -154,13 +154,10 @@ class WrongSign(Fault):
 
     def in_gain(self, found: FoundEffect) -> Iterator[RecordingFault]:
         """The finding behind an input's gain."""
-        if found.parameters["ratio"].ci95[1] >= 0.0:
-            return
-        sentence = f"{found.on} is reversed: its column, its wiring or its motor has the wrong sign."
-        remedy = (
-            "If the column is wrong, give measured.columns.{}.scale: -1; otherwise swap the wires or change the case."
-        )
-        yield self.told(found.on, -1.0, sentence, remedy)
+        if found.parameters["ratio"].ci95[1] < 0.0:
+            sentence = f"{found.on} is reversed: its column, its wiring or its motor has the wrong sign."
+            scale = "If the column is wrong, give measured.columns.{}.scale: -1"
+            yield self.told(found.on, -1.0, sentence, f"{scale}; otherwise swap the wires or change the case.")
 
 
 class WrongUnit(Fault):

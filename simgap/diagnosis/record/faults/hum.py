@@ -52,7 +52,8 @@ class Hum(SeenFault):
                 of = f"{size:.2g} {pretty_unit(model.units.get(name, '1'))}".rstrip()
                 what = f"a hum of {hertz:.4g} Hz, {of} in amplitude, which no force produces; it was removed."
                 faults.append(self.told(name, hertz, f"{name} has {what}"))
-                traces = tuple(_less(trace, k, hertz, *c) for trace, c in zip(record.traces, sines, strict=True))
+                own = zip(record.traces, sines, strict=True)
+                traces = tuple(trace.showing(k, trace.y[:, k] - _wave(trace, hertz) @ c) for trace, c in own)
                 record = replace(record, traces=traces)
         return record, tuple(faults)
 
@@ -68,13 +69,13 @@ def _line(record: Record, k: int) -> float | None:
     peak = np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])) + 1
     peak = peak[(peak > _AROUND) & (peak < len(power) - 3)]
     for at in peak[np.argsort(-power[peak] * hertz[peak] ** 4)][:5]:
-        if _above(power, int(at)) < HUM_LINE or _driven(trace, int(at), float(hertz[at])):
+        if _above(power, int(at)) < HUM_LINE or _driven(trace, float(hertz[at])):
             continue
         f = _refined(trace, trace.y[:, k], float(hertz[at]), float(hertz[1] - hertz[0]))
         size = float(np.hypot(*_sine(trace, trace.y[:, k], f)))
         slow = hertz < 0.5 * f
         moved = math.sqrt(float(np.sum(power[slow] * (2 * np.pi * hertz[slow]) ** 4)))
-        if size * (2 * np.pi * f) ** 2 > moved / MOST and all(_stands(tr, k, f) for tr in record.traces):
+        if size * (2 * np.pi * f) ** 2 > moved / MOST and all(_stands(tr, tr.y[:, k], f) for tr in record.traces):
             return f
     return None
 
@@ -84,17 +85,15 @@ def _steady(trace: Trace, y: Floats) -> bool:
 
     Two turns of travel at least, with a scatter that is small against it.
     """
-    slope, level = np.polyfit(trace.t - trace.t[0], y, 1)
-    travels = abs(slope) * trace.duration > max(
-        _TURNS, _EVEN * float(np.std(y - slope * (trace.t - trace.t[0]) - level))
-    )
-    stays = abs(float(np.mean(y))) * trace.duration > _TURNS and abs(float(np.mean(y))) > 0.5 * _EVEN * float(np.std(y))
-    return bool(travels or stays)
+    since, mean = trace.t - trace.t[0], abs(float(np.mean(y)))
+    slope = float(np.polyfit(since, y, 1)[0])
+    travels = abs(slope) * trace.duration > max(_TURNS, _EVEN * float(np.std(y - slope * since)))
+    return travels or (mean * trace.duration > _TURNS and mean > 0.5 * _EVEN * float(np.std(y)))
 
 
-def _stands(trace: Trace, k: int, hertz: float) -> bool:
-    """Whether channel k of a trace has a line there; too short a trace says nothing against it."""
-    power, at = _power(trace, trace.y[:, k])
+def _stands(trace: Trace, values: Floats, hertz: float) -> bool:
+    """Whether values (n,) of a trace have a line there; too short a trace says nothing against it."""
+    power, at = _power(trace, values)
     here = int(np.argmin(np.abs(at - hertz)))
     if len(power) < 4 * _AROUND or not _AROUND < here < len(power) - 3:
         return True
@@ -118,18 +117,22 @@ def _power(trace: Trace, values: Floats) -> tuple[Floats, Floats]:
     return 2.0 * np.abs(spectrum) ** 2 / len(y) ** 2, np.asarray(np.fft.rfftfreq(len(y), dt), dtype=np.float64)
 
 
-def _driven(trace: Trace, at: int, hertz: float) -> bool:
+def _driven(trace: Trace, hertz: float) -> bool:
     """Whether an input has power there too, of which a resonance may make a line: a part of its own that matters."""
-    moving = [u for u in trace.u.T if np.ptp(u) > 0.0]
-    large = [u for u in moving if np.hypot(*_sine(trace, u, hertz)) > MATTERS * np.std(u)]
-    return any(_above(_power(trace, u)[0], at) > _STANDS * HUM_LINE for u in large)
+    large = [u for u in trace.u.T if np.ptp(u) > 0.0 and np.hypot(*_sine(trace, u, hertz)) > MATTERS * np.std(u)]
+    return any(_stands(trace, u, hertz) for u in large)
+
+
+def _wave(trace: Trace, hertz: float) -> Floats:
+    """Cosine and sine at a frequency, (n, 2)."""
+    turn = 2 * np.pi * hertz * trace.t
+    return np.stack([np.cos(turn), np.sin(turn)], axis=1)
 
 
 def _sine(trace: Trace, values: Floats, hertz: float) -> Floats:
     """Weights of cosine and sine at a frequency, (2,), by least squares under a Hann window (the motion stays out)."""
     taper = 0.5 - 0.5 * np.cos(2 * np.pi * (trace.t - trace.t[0]) / max(trace.duration, 1e-300))
-    turn = 2 * np.pi * hertz * trace.t
-    basis = np.stack([np.cos(turn), np.sin(turn), np.ones_like(turn)], axis=1) * taper[:, None]
+    basis = np.column_stack([_wave(trace, hertz), np.ones_like(taper)]) * taper[:, None]
     return np.asarray(np.linalg.lstsq(basis, values * taper, rcond=None)[0][:2])
 
 
@@ -140,8 +143,3 @@ def _refined(trace: Trace, values: Floats, hertz: float, width: float) -> float:
         options={"xatol": 1e-4 * width},
     )  # fmt: skip
     return float(found.x)
-
-
-def _less(trace: Trace, k: int, hertz: float, cosine: float, sine: float) -> Trace:
-    turn = 2 * np.pi * hertz * trace.t
-    return trace.showing(k, trace.y[:, k] - (cosine * np.cos(turn) + sine * np.sin(turn)))

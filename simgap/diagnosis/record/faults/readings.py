@@ -117,9 +117,8 @@ class SaturatedReading(_LostReadings):
             repeats = math.erf(0.5 * quantum / max(math.sqrt(2.0) * flicker, 1e-300))
         out = [np.zeros(len(y), dtype=bool) for y in columns]
         for end in (low, high) if low < high else ():
-            held = [(y, a, b) for y in columns for a, b in runs(y == end) if b - a >= SEVERAL]
-            if sum(int((y == end).sum()) for y in columns) > MOST * record.rows:
-                continue
+            seldom = sum(int((y == end).sum()) for y in columns) <= MOST * record.rows
+            held = [(y, a, b) for y in columns for a, b in runs(y == end) if seldom and b - a >= SEVERAL]
             # what slows down to its extreme, or speeds up from there, rests
             if any(
                 (repeats ** (b - a) < BY_CHANCE and _meets(y, a, b, quantum)) or _cut_off(y, a, b, usual)

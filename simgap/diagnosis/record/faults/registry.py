@@ -107,5 +107,5 @@ def fitted_faults(found: Iterable[FoundEffect]) -> list[RecordingFault]:
 
 def gain_faults(found: Iterable[FoundEffect]) -> list[RecordingFault]:
     """Gains that a wrong sign or unit of the input's column would make as well: a record cannot tell."""
-    gains = [e for e in found if e.name == "input_gain"]
-    return [f for e in gains for f in (*WrongSign().in_gain(e), *WrongUnit().in_gain(e))]
+    own = WrongSign(), WrongUnit()
+    return [f for e in found if e.name == "input_gain" for fault in own for f in fault.in_gain(e)]
