@@ -50,11 +50,16 @@ def point_pendulum(mass: float, length: float, inertia: float) -> SymbolicModel:
 
 
 def one_window(
-    model: SymbolicModel, t: np.ndarray, u: np.ndarray, h_max: float = 0.01, measured: tuple[str, ...] | None = None
+    model: SymbolicModel,
+    t: np.ndarray,
+    u: np.ndarray,
+    h_max: float = 0.01,
+    measured: tuple[str, ...] | None = None,
+    effects: tuple[str, ...] = (),
 ) -> tuple[Problem, SuperModel]:
     """A problem whose only window is the whole of a record without noise."""
     measured = measured or model.state_names
-    compiled = cached_supermodel(model, measured)
+    compiled = cached_supermodel(model, measured, effects)
     trace = Trace("only", t, np.zeros((len(t), len(measured))), np.reshape(u, (len(t), -1)))
     windows = Windows(*(np.array([k], dtype=np.int64) for k in (0, len(t), 0)))
     record = Record((trace,), measured, model.input_names)

@@ -33,6 +33,15 @@ def test_a_stuck_block_starts_when_the_push_exceeds_friction():
     np.testing.assert_allclose(x[:, 1], np.maximum(t - 1.0, 0.0) * 0.5, atol=1e-9)
 
 
+def test_friction_that_grows_with_the_load_acts_in_a_window_that_begins_without_one():
+    t = np.arange(0.0, 1.0, 0.01)
+    problem, compiled = one_window(block(2.0), t, np.where(t < 0.3 - 1e-9, 0.0, 2.0), effects=("load_friction",))
+    theta = with_effect(compiled, "load_friction", "u", mu=0.2)
+    assert compiled.rubs(theta)
+    x = problem.states(theta, np.array([[0.0, 0.0]]))
+    np.testing.assert_allclose(x[:, 1], 0.8 * np.maximum(t - 0.3, 0.0), atol=1e-9)
+
+
 def test_a_peak_holds_up_to_the_breakaway_force():
     t = np.arange(0.0, 1.0, 0.01)
     for push, moves in ((0.95, False), (1.05, True)):

@@ -243,10 +243,11 @@ def simulate(
     for w in range(start.size):
         time = t[start[w]]
         _followed(time, start[w], first[w], t, held, delay)
-        input_at(time, drive, u)
         for i in range(nx):
             x[i] = out[offset[w], i] = x0[w, i]
+        u[:] = 1.0  # friction may grow with the load, which may be 0 at first
         rubs = find_rubbing(plant, grip, work, x, u)
+        input_at(time, drive, u)
         for k in range(start[w] + 1, stop[w]):
             while t[k] - time > EPS:
                 end, span, steady, turned = _next_switch(time, k, t, held, delay), h_max, True, 0

@@ -158,8 +158,7 @@ class SuperModel:
     def rubs(self, theta: Floats) -> bool:
         """Whether any coordinate has dry friction at theta (q,): the sign of a speed matters at rest."""
         x, speed = np.zeros(self.begun + len(self.remembered)), self.dynamics.speed
-        # A weight or a length that is a condition divides the forces: nobody knows of it but that it is not 0.
-        u = np.array([float(name in self.model.conditions) for name in self.model.input_names])
+        u = np.ones(len(self.model.input_names))  # friction may grow with the load; a condition may divide the forces
         ways = np.eye(len(speed)), -np.eye(len(speed))
         up, down = ([self.dynamics.derivative(x, u, theta, s)[speed[j]] for j, s in enumerate(way)] for way in ways)
         return bool(np.any(np.abs(np.subtract(up, down)) > 1e-12))
