@@ -232,7 +232,8 @@ def change_promised(search: Search, found: Explanation) -> Change | None:
     """The instant from which on another value of one number promises most; None if that is not most of the excess.
 
     In the window that holds it the number is in between. A change that takes a sixth of the record or longer and
-    promises as much is a drift, and none. With that window both sides have `SEVERAL`: one alone may be a push.
+    promises as much is a drift, and none; one of which that window alone has most is a push. With it both sides have
+    `SEVERAL` windows.
     """
     problem, at = search.problem, found.fit
     order = np.argsort(problem.windows.start)
@@ -256,10 +257,10 @@ def change_promised(search: Search, found: Explanation) -> Change | None:
         for j in range(len(plain)) for k, after in (*within, *between)
     }  # fmt: skip
     (which, first, after), most = max(gains.items(), key=operator.itemgetter(1), default=((0, 0, 0), 0.0))
-    if most < MOST * excess or any(gain(which, [r]) >= most for r in _ramps(count)):  # or it went slowly
+    if most < MOST * excess or min(after, count - first) < SEVERAL:
         return None
-    if min(after, count - first) < SEVERAL:
-        return None
+    if any(gain(which, [r]) >= most for r in _ramps(count)) or gain(which, [windows == first]) > MOST * most:
+        return None  # it went slowly, or one window alone has another value
     if after > first:
         least = most - max(BIC_GAIN, MATTERS**2 * most)  # what is promised is linear
         near = [(k, end) for (j, k, end), g in gains.items() if j == which and end > k and g > least]

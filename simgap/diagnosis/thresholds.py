@@ -73,7 +73,7 @@ taken for 7 % too small makes as much by itself."""
 MOST = 0.5
 """Most of a thing is more than half: of what the best answer leaves above the noise, where another tier of effects, a
 change in mid-record or a mask is to explain it; of an error in one place; of a coefficient, where folds are to agree;
-of a noise, where it is to remember; of what one effect leaves, where two are looked for ahead; of a column, where
+of a noise, where it is to remember; of what a change promises, where one window alone is no push; of what one effect leaves, where two are looked for ahead; of a column, where
 another is its derivative or takes its place, or where noise alone moves it; of readings at one extreme, which is then
 no limit of a sensor; of samples outside the ranges of a case. Two things are alike up to this ratio: units that are
 taken for each other differ by more, and motion on both sides of a change in mid-record has to be. Friction with memory
@@ -127,9 +127,7 @@ a hundredth or less where they were missing (benchmarks/many_effects.py)."""
 FEWEST_WINDOWS = 4
 """So many windows that do not confirm are cut at least: of two runs of real hardware (a pendulum that swings for 0.7 s,
 a cart on a spring for 2.5 s) two windows named a spring and dry friction, four the inertia and the viscous friction
-that regressions by hand give. Both sides of a change in mid-record have so many fitted windows: with those that confirm
-each fills three folds. With six a change in the second of two runs of 10 s was out of sight; with four it was told in
-four of five such records (benchmarks/other_plants.py), each side with its right number."""
+that regressions by hand give."""
 
 # What a look at the data finds and warns of; tests/diagnosis/test_survey.py and test_reading.py hold these against
 # recordings with such faults and without.
@@ -141,7 +139,8 @@ and the causal start of an h-ahead prediction is estimated from it (from a windo
 benchmarks/other_plants.py last a tenth of a second."""
 
 SEVERAL = 3
-"""So many in a row are no accident: readings at an extreme, gross errors, times in which nothing moves."""
+"""So many in a row are no accident: readings at an extreme, gross errors, times in which nothing moves, windows on one
+side of a change in mid-record, with the one that holds it."""
 
 SPIKE = 15.0
 """A reading is a spike if it bends away from its neighbours by so many robust standard deviations of the bends of its
