@@ -42,8 +42,7 @@ def conclude(
     grade = _graded(record, parts, chosen, evidence)
     word, named, doubtful = grade.word, grade.named, grade.word == "partial" and evidence.at_noise
     empty = search.empty(chosen.under.base)
-    path = answer.steps(search, empty, chosen.kept)
-    ordered = answer.in_order(chosen.kept, path)
+    ordered = answer.in_order(chosen.kept, path := answer.steps(search, empty, chosen.kept))
     kept, held = (ordered, evidence.corrected) if named else (chosen.full.empty(base), old)
     short = nearest(chosen, ordered, evidence) if word == "unexplained" else None
     tested = word in ("partial", "unexplained") and short is None and not watch.stopped
@@ -53,7 +52,6 @@ def conclude(
     every, seen, negligible = _findings(chosen, kept, grade.others)
     listed = answer.alternatives(chosen.found, grade.others)
     effects, listed = answer.with_restatements(every, listed, chosen.full.problem.model, kept)
-    folds = {"fit": parts.fit, "choose": parts.choose, "confirm": confirm}
     pushed = push_faults((*parts.left_out, *parts.disturbed), parts.every, names)
     floor = noise_floor(confirm, held, horizon)
     return Diagnosis(
@@ -68,7 +66,7 @@ def conclude(
         sigma=floor.fit_rmse,
         candidates=answer.candidate_scores(search, empty, chosen.under.not_tried),
         collinear=answer.collinear_table(search, empty),
-        folds={name: stretches(p.windows, confirm.t, names) for name, p in folds.items()},
+        folds={f: stretches(getattr(parts, f).windows, confirm.t, names) for f in ("fit", "choose", "confirm")},
         warnings=(*said, *negligible, *_warnings(held, kept, horizon), *(() if doubtful else grade.unsure)),
         doubts=(grade.unsure or evidence.short_of(chosen.kept)) if doubtful else (),
         stopped=f"{watch.stopped}: the answer is the best of {watch.sets} sets of effects." if watch.stopped else "",

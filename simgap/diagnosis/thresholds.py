@@ -72,15 +72,15 @@ taken for 7 % too small makes as much by itself."""
 
 MOST = 0.5
 """Most of a thing is more than half: of what the best answer leaves above the noise, where another tier of effects, a
-change in mid-record or a mask is to explain it; of an error in one place; of a coefficient, where folds are to agree;
-of a noise, where it is to remember; of what a change promises, where one window alone is no push; of what one effect leaves, where two are looked for ahead; of a column, where
-another is its derivative or takes its place, or where noise alone moves it; of readings at one extreme, which is then
-no limit of a sensor; of samples outside the ranges of a case. Two things are alike up to this ratio: units that are
-taken for each other differ by more, and motion on both sides of a change in mid-record has to be. Friction with memory
-takes nearly all where it is, a wrong first window makes chi^2/dof fall twentyfold, sensors that remember show .78 and
-more, mechanisms that were taken for them .26 to .46. Of swapped records on seven plants
-(benchmarks/recording_faults.py) 0.02 to 0.18 of a velocity was not the derivative; the wrong way round its scale is
-negative."""
+change in mid-record or a mask is to explain it; of an error in one place; of a coefficient, where folds are to
+agree; of a noise, where it is to remember; of what a change promises, where one window alone is no push; of what one
+effect leaves, where two are looked for ahead; of a column, where another is its derivative or takes its place, or
+where noise alone moves it; of readings at one extreme, which is then no limit of a sensor; of samples outside the
+ranges of a case. Two things are alike up to this ratio: units that are taken for each other differ by more, and
+motion on both sides of a change in mid-record has to be. Friction with memory takes nearly all where it is, a wrong
+first window makes chi^2/dof fall twentyfold, sensors that remember show .78 and more, mechanisms that were taken for
+them .26 to .46. Of swapped records on seven plants (benchmarks/recording_faults.py) 0.02 to 0.18 of a velocity was
+not the derivative; the wrong way round its scale is negative."""
 
 MATTERS = 0.1
 """What is a smaller share matters to nobody: of an error (of its square, the square of it), of the noise that an effect
