@@ -432,9 +432,9 @@ def _header(
         lines.append(
             "The effects below plant.effects were found in recordings of the simulator: the model alone has them."
         )
-    elif applied and "simulator" in content:
+    elif "simulator" in content and not all(effect(a.name).reading_remedy for a in applied):
         lines.append(
-            "The effects were found on hardware: the nominal model and the simulator both have them."
+            "Found on hardware: the nominal model and the simulator both have the effects that move the plant."
             if simulated is None
             else f"The effects below plant.effects are in the nominal model. {simulated.reason}"
         )

@@ -228,6 +228,9 @@ def test_the_corrected_case_runs_from_where_it_is(tmp_path):
     text = corrected_case(target, second, [AppliedEffect("spring", joint, {"k": 0.1})], [], "hardware", "Again.")
     assert text.count("name: arm_corrected\n") == 1
     assert [line for line in text.splitlines() if line.startswith("#")]
+    assert "simulator both have the effects" in text
+    offset = [AppliedEffect("sensor_offset", next(iter(again.plant.states)), {"offset": 0.01})]
+    assert "simulator both" not in corrected_case(case, second, offset, [], "hardware", "Found.")  # of a reading alone
 
 
 OWN_ENGINE = """
