@@ -23,7 +23,7 @@ from simgap.diagnosis.search.selection import taken_over
 from simgap.diagnosis.seek import Hypothesis
 from simgap.diagnosis.simulation.problem import Memo, Problem
 from simgap.diagnosis.simulation.sensitivity import Direction, linearise, promised, slot_direction
-from simgap.diagnosis.thresholds import BIC_GAIN, MATTERS, MOST, SEVERAL
+from simgap.diagnosis.thresholds import BIC_GAIN, LEAPS_ANYHOW, MATTERS, MOST, SEVERAL
 from simgap.diagnosis.verdict.answer import found_effects
 from simgap.effects import EFFECTS, EffectParameter
 from simgap.notation import joined
@@ -71,9 +71,9 @@ def _with_other_numbers(side: Hypothesis, elsewhere: Explanation) -> Hypothesis 
 
     Of sets that are the same thing the one under which the numbers from elsewhere change least.
     """
-    found, search = side.found, side.search
+    found, search, most = side.found, side.search, min(side.most, LEAPS_ANYHOW)
     while not search.reached(found):
-        more = search.joined(found) if len(found.members) < side.most else []
+        more = search.joined(found) if len(found.members) < most else []
         if not more:
             return None
         found = min(more, key=lambda e: e.bic)
@@ -263,9 +263,9 @@ def change_promised(search: Search, found: Explanation) -> Change | None:
         return None  # it went slowly, or one window alone has another value
     if after > first:
         least = most - max(BIC_GAIN, MATTERS**2 * most)  # what is promised is linear
-        near = [(k, end) for (j, k, end), g in gains.items() if j == which and end > k and g > least]
-        own_trace = [(k, end) for k, end in near if trace[k] == trace[first]]
-        first, after = min(k for k, _ in own_trace), max(end for _, end in own_trace)
+        near = [k for (j, k, end), g in gains.items() if j == which and end > k and g > least]
+        holding = [k for k in near if trace[k] == trace[first] and min(k + 1, count - k) >= SEVERAL]
+        first, after = min(holding), max(holding) + 1
     return _between(problem, *(int(k) for k in order[[first - 1, first, after]]))
 
 
