@@ -23,7 +23,7 @@ from simgap.diagnosis.search.selection import taken_over
 from simgap.diagnosis.seek import Hypothesis
 from simgap.diagnosis.simulation.problem import Memo, Problem
 from simgap.diagnosis.simulation.sensitivity import Direction, linearise, promised, slot_direction
-from simgap.diagnosis.thresholds import BIC_GAIN, LEAPS_ANYHOW, MATTERS, MOST, SEVERAL
+from simgap.diagnosis.thresholds import BIC_GAIN, FEWEST_WINDOWS, MATTERS, MOST, SEVERAL
 from simgap.diagnosis.verdict.answer import found_effects
 from simgap.effects import EFFECTS, EffectParameter
 from simgap.notation import joined
@@ -36,10 +36,9 @@ Answer = Callable[[Record], tuple[Diagnosis, Hypothesis] | None]
 def sides_apart(record: Record, plain: Problem, whole: Hypothesis, answer: Answer) -> Diagnosis | None:
     """The answer for the longer side of a change, with the change among the faults of the recording.
 
-    The shorter side has to come down to its noise under the effects of the longer one, with numbers of its own and with
-    others beside them if need be. None where no change promises much, where a side does not come down to its noise,
-    where they differ in no number, or where one number each explains the whole: what the plant lacks may act on one
-    side alone.
+    The shorter side has to come down to its noise with another value of one effect, or else by an answer of its own.
+    None where no change promises much, where a side does not come down to its noise, where they differ in no number,
+    or where one number each explains the whole: what the plant lacks may act on one side alone.
 
     Args:
         record: the data; plain: the same as a problem, of which nothing was left out.
@@ -53,40 +52,35 @@ def sides_apart(record: Record, plain: Problem, whole: Hypothesis, answer: Answe
     if sides is None or not _alike(*sides, _is_driven(whole.search.problem, whole.found.fit)):
         return None
     longer = int(sides[1].rows > sides[0].rows)
-    main = answer(sides[longer])
+    main, shorter = answer(sides[longer]), change.windows(plain)[1 - longer]
     if main is None:
         return None
     diagnosis, under = main
-    other = _with_other_numbers(under.read_on(plain.on(change.windows(plain)[1 - longer])), under.found)
-    if other is None or any(_explains(whole, own) for own in (under.found, other.found)):
+    other = _with_one_other(under.read_on(plain.on(shorter)), diagnosis.effects)
+    if other is None and len(shorter) >= FEWEST_WINDOWS:
+        own = answer(sides[1 - longer])
+        other = None if own is None else (own[0].effects, own[1].found)
+    if other is None or any(_explains(whole, found) for found in (under.found, other[1])):
         return None
-    found = found_effects(other.search, other.found, rivals(other.search, other.found), True)
-    effects = [diagnosis.effects, [e for e in found if not is_fault(e.name)]]
+    effects = [diagnosis.effects, other[0]]
     fault = _fault(change, record, effects[:: -1 if longer else 1], ("before", "after")[longer])
     return None if fault is None else _told(diagnosis, fault, record.measured, sides)
 
 
-def _with_other_numbers(side: Hypothesis, elsewhere: Explanation) -> Hypothesis | None:
-    """What was found elsewhere, with effects beside it if need be, that is down to the noise here; None if none is.
-
-    Of sets that are the same thing the one under which the numbers from elsewhere change least.
-    """
-    found, search, most = side.found, side.search, min(side.most, LEAPS_ANYHOW)
-    while not search.reached(found):
-        more = search.joined(found) if len(found.members) < most else []
+def _with_one_other(
+    side: Hypothesis, elsewhere: Sequence[FoundEffect]
+) -> tuple[tuple[FoundEffect, ...], Explanation] | None:
+    """What was found elsewhere, with one number beside it if need be, where it is down to the noise here and one effect
+    is another: more of them bend to whatever acted on a short side."""
+    search, found = side.search, side.found
+    if not side.reached:
+        more = [e for e in search.joined(found) if e.count == found.count + 1 and search.reached(e)]
         if not more:
             return None
         found = min(more, key=lambda e: e.bic)
-    exact = (r.explanation for r in rivals(search, found) if r.exact)
-    same = [e for e in exact if side.found.keys <= e.keys and e.count <= found.count]
-
-    def moved(e: Explanation) -> float:
-        own = np.isin(e.fit.slots, elsewhere.fit.slots)
-        slots = np.array(e.fit.slots, dtype=np.int64)[own]
-        away = e.fit.theta[slots] - elsewhere.fit.theta[slots]
-        return float(np.sum(away**2 / np.array(e.fit.variances)[own]))
-
-    return replace(side, found=min((found, *same), key=moved))
+    effects = found_effects(search, found, rivals(search, found), True)
+    own = tuple(e for e in effects if not is_fault(e.name))
+    return (own, found) if len(_differing(elsewhere, own)) == 1 else None
 
 
 def _explains(whole: Hypothesis, own: Explanation) -> bool:
@@ -158,10 +152,8 @@ def _fault(change: Change, record: Record, sides: Sequence[Sequence[FoundEffect]
     """The finding in words: when, and which effects have another number; None where the sides name different ones, as
     then neither set is what the plant lacks."""
     first, second = ({(e.name, e.on): e for e in side} for side in sides)
-    if not (first.keys() <= second.keys() or second.keys() <= first.keys()):
-        return None
-    keys = [k for k in {**first, **second} if _differs(first.get(k), second.get(k), k[0])]
-    if not keys:
+    keys = _differing(*sides)
+    if not keys or not (first.keys() <= second.keys() or second.keys() <= first.keys()):
         return None
     then, now = (joined([_said(side.get(k), k) for k in keys]) for side in (first, second))
     own, lasts = record.traces[change.trace], change.end - change.begin
@@ -171,8 +163,15 @@ def _fault(change: Change, record: Record, sides: Sequence[Sequence[FoundEffect]
     elif change.end >= own.t[-1]:
         when = f"In the last {lasts:.3g} s of {own.name} or after it"
     same = next(filter(None, (_by_other_names(side, keys) for side in sides)), "")
-    sentence = f"{when} the plant changed: {then} before, {now} after{same}; the answer is about what came {about}."
+    what = "a sensor" if all(EFFECTS[name].kind == "state" for name, _ in keys) else "the plant"
+    sentence = f"{when} {what} changed: {then} before, {now} after{same}; the answer is about what came {about}."
     return PlantChanged().told("", 0.5 * (change.begin + change.end), sentence)
+
+
+def _differing(first: Sequence[FoundEffect], second: Sequence[FoundEffect]) -> list[tuple[str, str]]:
+    """Effects with another number on the other side."""
+    a, b = ({(e.name, e.on): e for e in side} for side in (first, second))
+    return [k for k in {**a, **b} if _differs(a.get(k), b.get(k), k[0])]
 
 
 def _differs(a: FoundEffect | None, b: FoundEffect | None, name: str) -> bool:
@@ -256,15 +255,16 @@ def change_promised(search: Search, found: Explanation) -> Change | None:
         (j, k, after): gain(j, [windows >= after, *([windows == k] if after > k else [])])
         for j in range(len(plain)) for k, after in (*within, *between)
     }  # fmt: skip
-    (which, first, after), most = max(gains.items(), key=operator.itemgetter(1), default=((0, 0, 0), 0.0))
-    if most < MOST * excess or min(after, count - first) < SEVERAL:
+    seen = {at: g for at, g in gains.items() if min(at[2], count - at[1]) >= SEVERAL}
+    (which, first, after), most = max(seen.items(), key=operator.itemgetter(1), default=((0, 0, 0), 0.0))
+    least = most - max(BIC_GAIN, MATTERS**2 * most)  # what is promised is linear
+    if most < MOST * excess or max(gains.values()) - most > most - least:
         return None
     if any(gain(which, [r]) >= most for r in _ramps(count)) or gain(which, [windows == first]) > MOST * most:
         return None  # it went slowly, or one window alone has another value
     if after > first:
-        least = most - max(BIC_GAIN, MATTERS**2 * most)  # what is promised is linear
-        near = [k for (j, k, end), g in gains.items() if j == which and end > k and g > least]
-        holding = [k for k in near if trace[k] == trace[first] and min(k + 1, count - k) >= SEVERAL]
+        near = [k for (j, k, end), g in seen.items() if j == which and end > k and g > least]
+        holding = [k for k in near if trace[k] == trace[first]]
         first, after = min(holding), max(holding) + 1
     return _between(problem, *(int(k) for k in order[[first - 1, first, after]]))
 

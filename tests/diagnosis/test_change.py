@@ -139,6 +139,16 @@ def test_a_change_near_the_end_is_told_though_what_follows_it_is_too_short_for_a
     assert [(e.name, _only(e).value) for e in d.effects] == [("viscous_friction", pytest.approx(0.15, rel=0.01))]
 
 
+@pytest.mark.parametrize(("begin", "end"), [(17.3, 19.3), (0.4, 2.4)])
+@pytest.mark.parametrize("plant", [oscillator(), pendulum()], ids=lambda p: p.name)
+def test_a_hand_that_leans_on_the_plant_for_two_seconds_near_an_end_changes_no_number(plant, begin, end):
+    """Whatever acts on two windows, several numbers together bend to it."""
+    (where,) = plant.positions
+    hidden = Hidden(viscous={where: 0.3}, pushes=((0, begin, end, where, 0.4),))
+    d = diagnose(nominal(plant.name), record(plant, hidden, 3, seconds=20.0, traces=1), DiagnosisSettings())
+    assert _changes(d) == []
+
+
 def test_a_change_beside_a_second_effect_is_no_push():
     """One effect does not explain most, so sets are sought first, by a law under which what follows weighs little."""
     hidden = Hidden(coulomb={"hinge": 0.3}, gain={"torque": 0.6})
