@@ -151,8 +151,8 @@ class _Sought:
 
     @property
     def settled(self) -> bool:
-        """Whether what was found is down to the noise, and no matter of belief either."""
-        return self.under.reached and plausible(self.under.found)
+        """Whether what was found is down to the noise, no matter of belief, and of every channel."""
+        return self.under.reached and plausible(self.under.found) and not self.filtered
 
     @cached_property
     def choice(self) -> Chosen:
@@ -173,12 +173,14 @@ class _Sought:
         return self.choice.predicted - float(size)
 
     def likeliest(self, others: Sequence[_Sought]) -> _Sought:
-        """This hypothesis, or one that surely predicts better; instead of one beyond belief a plausible one as good."""
+        """This hypothesis, or one that surely predicts better; instead of one beyond belief a plausible one as good,
+        instead of one that leaves a channel out one that explains all."""
         best = self
         for other in (replace(each, judged=self.under.parts) for each in others):
             gain = gained(best.score, other.score)
             instead = plausible(other.choice.kept) and not plausible(best.choice.kept)
-            if gain.sure or (instead and math.isfinite(gain.half) and gain.nats > -gain.half):
+            explains = best.filtered and other.settled
+            if gain.sure or explains or (instead and math.isfinite(gain.half) and gain.nats > -gain.half):
                 best = other
         return best
 
