@@ -45,7 +45,7 @@ def sides_apart(record: Record, plain: Problem, whole: Hypothesis, answer: Answe
         whole: what was found on all of it.
         answer: diagnoses a part of the record, and what was found there; None where that is not the whole of it.
     """
-    change = None if whole.watch.stopped or whole.reached else change_promised(whole.search, whole.found)
+    change = None if whole.reached else change_promised(whole.search, whole.found)
     if change is None:
         return None
     sides = change.cut(record, whole.parts.window_s)
@@ -74,7 +74,8 @@ def _with_one_other(
     is another: more of them bend to whatever acted on a short side."""
     search, found = side.search, side.found
     if not side.reached:
-        more = [e for e in search.joined(found) if e.count == found.count + 1 and search.reached(e)]
+        wider = search.joined(found) if len(found.members) < side.most else []
+        more = [e for e in wider if e.count == found.count + 1 and search.reached(e)]
         if not more:
             return None
         found = min(more, key=lambda e: e.bic)
@@ -221,10 +222,11 @@ class Change:
 
     def windows(self, problem: Problem) -> tuple[Windows, Windows]:
         """The windows before and after."""
-        w, t = problem.windows, problem.t
-        own = w.trace == self.trace
-        before = (w.trace < self.trace) | (own & (t[w.stop - 1] <= self.begin))
-        return w.pick(before), w.pick(~before & ((w.trace > self.trace) | (t[w.start] >= self.end)))
+        w, own = problem.windows, problem.windows.trace == self.trace
+        middle = 0.5 * (problem.t[w.start] + problem.t[w.stop - 1])  # their ends may lie within a block of samples
+        inside = own & (self.begin < self.end)
+        before = (w.trace < self.trace) | (inside & (middle < self.begin))
+        return w.pick(before), w.pick((w.trace >= self.trace) & ~(inside & (middle < self.end)))
 
 
 def change_promised(search: Search, found: Explanation) -> Change | None:

@@ -104,12 +104,13 @@ def _diagnosed(
         sought = sought if best is None or watch.stopped else best
     found = _concluded(sought)
     if found.verdict in ("partial", "unexplained") and not sought.coloured:
-        found = _apart(sought.ready, sought.under, answer) or found
+        again = answer if sought.ready is own else _part_by(model, settings, watch)  # columns may be others
+        found = _apart(sought.ready, sought.under, again) or found
     return found, sought.ready.record
 
 
 def _apart(own: Ready, under: Hypothesis, answer: Answer) -> Diagnosis | None:
-    """The answer for one side of a change in mid-record; traces that are held out are not looked at."""
+    """The answer for one side of a change in mid-record; where it lies is not sought in traces that are held out."""
     plain = own.parts.known if under.settings.held_out_traces else own.parts.every
     apart = looked_again(under.watch, lambda: sides_apart(own.record, plain, under.read_on(plain), answer))
     return None if apart is None else replace(apart, recording=(*own.faults, *apart.recording))
@@ -293,15 +294,13 @@ def _part_by(model: SymbolicModel, settings: DiagnosisSettings, watch: Watch) ->
         except UserError:  # it is too short for three folds
             return None
         sought = _sought(own, _singles(model, own, own_settings, apart))
+        answer = _concluded(sought) if sought.under.reached and not apart.stopped else None
         watch.stopped = apart.stopped
-        if apart.stopped or not sought.under.reached:
+        if apart.stopped or answer is None or answer.verdict not in ("none", "attributed"):
             return None
-        answer, found = _concluded(sought), sought.choice.found
-        named = {(e.name, e.on) for e in answer.effects}
-        whole = answer.verdict in ("none", "attributed") and named == {
-            c.key for c in found.members if not c.of_recording
-        }
-        return (answer, replace(sought.under, found=found)) if whole else None
+        named, found = {(e.name, e.on) for e in answer.effects}, sought.choice.found
+        lost = {c.key for c in found.members if not c.of_recording} - named
+        return answer, replace(sought.under, found=found.leaving(lost))
 
     known: dict[tuple[tuple[str, float], ...], tuple[Diagnosis, Hypothesis] | None] = {}
 

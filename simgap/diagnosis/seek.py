@@ -136,7 +136,11 @@ class Hypothesis:
         read them, and what follows a change of the plant is no gross error."""
         own, theta = self.parts.known, self.found.fit.theta
         laws = {name: getattr(own, name) for name in ("model", "h_max", "heard", "colour")}
-        every = replace(plain, **laws, sigma=np.maximum(own.sigma, plain.sigma), memo=Memo())
+        same = (
+            plain.sigma**2 <= FIT_QUALITY * own.sigma**2
+        )  # of two estimates of one noise the larger; else it was mended
+        sigma = np.where(same, np.maximum(own.sigma, plain.sigma), own.sigma)
+        every = replace(plain, **laws, sigma=sigma, memo=Memo())
         every = every.past_the_unknown(every.reach(theta)).before_the_end(every.ahead(theta))
         under = self.anew(replace(self.parts, known=every))
         return replace(under, found=taken_over(under.search, under.base, self.found))

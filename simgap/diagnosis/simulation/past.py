@@ -79,11 +79,11 @@ def memories(past: Any, theta: Floats, t: Floats, speeds: Floats, firsts: Ints) 
     none, one = np.zeros_like(speeds.T), np.ones_like(speeds.T)
     rates = zip(past(none, speeds.T, theta), past(one, speeds.T, theta), strict=True)
     edges, zero = np.append(firsts, t.size), np.zeros(t.size)
-    return np.stack([followed(t, zero + free, zero + free - loaded, edges) for free, loaded in rates], axis=1)
+    return np.stack([_followed(t, zero + free, zero + free - loaded, edges) for free, loaded in rates], axis=1)
 
 
 @njit("float64[::1](float64[::1], float64[::1], float64[::1], int64[::1])", cache=True)
-def followed(t: Floats, drive: Floats, fade: Floats, edges: Ints) -> Floats:
+def _followed(t: Floats, drive: Floats, fade: Floats, edges: Ints) -> Floats:
     """Solve z' = drive - fade z from 0 at the first stamp of each trace, exactly between stamps."""
     out = np.zeros(t.size)
     for trace in range(edges.size - 1):

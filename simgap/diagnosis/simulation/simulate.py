@@ -243,9 +243,10 @@ def simulate(
     for w in range(start.size):
         time = t[start[w]]
         _followed(time, start[w], first[w], t, held, delay)
+        input_at(time, drive, u)
+        u[u == 0.0] = 1.0  # friction may grow with the load
         for i in range(nx):
             x[i] = out[offset[w], i] = x0[w, i]
-        u[:] = 1.0  # friction may grow with the load, which may be 0 at first
         rubs = find_rubbing(plant, grip, work, x, u)
         input_at(time, drive, u)
         for k in range(start[w] + 1, stop[w]):
