@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from simgap.diagnosis import diagnose as diagnosing
+from simgap.diagnosis.change import Change
 from simgap.diagnosis.diagnose import diagnose
+from simgap.diagnosis.record.folds import Windows
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.search import watch as watching
@@ -176,6 +179,15 @@ def test_of_a_load_that_is_added_each_number_is_told_and_those_that_stay_are_not
     assert "viscous" not in change.sentence
     assert "gain" not in change.sentence
     assert "m that is 30" in change.sentence
+
+
+@pytest.mark.parametrize(("change", "counts"), [(Change(1, 0.8, 2.1), (5, 2)), (Change(1, 0.3, 0.3), (4, 4))])
+def test_a_change_that_is_known_to_a_few_samples_divides_the_windows(change, counts):
+    """It was found on every fifth sample, or before the first window that was searched."""
+    start = np.arange(0, 80, 10)
+    windows = Windows(start, start + 10, np.repeat([0, 1], 4))
+    problem = SimpleNamespace(t=np.tile(np.arange(40), 2) * 0.1, windows=windows)
+    assert tuple(map(len, change.windows(problem))) == counts
 
 
 def test_a_change_in_the_run_that_confirms_is_told():
