@@ -120,7 +120,7 @@ def test_figures_in_sentences_are_those_of_the_results(root):
         assert f"Of {len(outside)} recordings" in page(name), name
     assert sum(r["verdict"] == "attributed" and bool(r["other"]) for r in outside) == 1
     assert f"{sum(r['verdict'] == 'unexplained' for r in outside)} were `unexplained`" in page("README.md")
-    assert "two were wrongly `attributed`" in page("docs/explanation/diagnosis.md")
+    assert "one was wrongly `attributed`" in page("docs/explanation/diagnosis.md")
     assert f"{partial} of {len(outside)} are `partial`" in page("docs/evidence/diagnosis.md")
     quoted = {"pendulum": ("691 of 980", "1,000 of 1,000"), "turtlebot": ("993 of 1,000",),
               "diagnosis": ("0.0099 ± 0.0006 N m s/rad", "0.0050 ± 0.0003 N m s²/rad²")}  # fmt: skip
